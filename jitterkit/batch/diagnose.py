@@ -127,10 +127,21 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
         The instrument's, arcsec.
     """
     result = _flag_further_stars(result, found.optics.nominal)
-    result = _flag_varying_blur(found, result)
+    p = result.parameters
+    is_field = result.status.usable and p is not None and p.scene.name == Stars.name
+    if p is not None and is_field and result.image is not None and result.residual is not None:
+        data = found.data.without(~np.isfinite(result.residual))
+        remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
+        result = result.remarked(remark or "", "blur_varies")
     result = classify(frame, result, plate_scale, found)
     result = flag_faint_companion(result, found.optics.nominal)
-    result = _flag_plate_scale(result)
+    if result.status.usable and {"separation", PLATE_SCALE} <= set(result.names):
+        factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
+        if factor > LARGE_FACTOR:
+            remark = (
+                f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
+            )
+            result = result.remarked(remark, "scale_degenerate")
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
     minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
@@ -242,29 +253,6 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
             "proportion to the light; then the jitter is wrong too."
         )
     return result.remarked(remark, "further_stars")
-
-
-def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
-    """Add a remark to a result where the stars of a field differ in their blur."""
-    p = result.parameters
-    if p is None or result.image is None or result.residual is None or p.scene.name != Stars.name:
-        return result
-    if not result.status.usable:
-        return result
-    data = found.data.without(~np.isfinite(result.residual))
-    remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
-    return result.remarked(remark or "", "blur_varies")
-
-
-def _flag_plate_scale(result: FitResult) -> FitResult:
-    """Add a remark to a result whose separation and plate scale can hardly be distinguished."""
-    if not {"separation", PLATE_SCALE} <= set(result.names):
-        return result
-    factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
-    if not (result.status.usable and factor > LARGE_FACTOR):
-        return result
-    remark = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
-    return result.remarked(remark, "scale_degenerate")
 
 
 def _why_unusable(frame: Frame) -> str:

@@ -11,7 +11,6 @@ import bisect
 import itertools
 import math
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -51,14 +50,13 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
-        self._open = ExitStack()
         self._images: dict[int, FitsImage] = {}
         with translated(path) as caught:
             try:
-                self._handle = self._open.enter_context(open_bytes(path))
+                self._handle = self.enter_context(open_bytes(path))
                 self._groups, self._hdus, broken = find_images(path, self._handle, hdu)
                 for role, other in files_beside(path):
-                    beside, _ = read_hdus(other, self._open.enter_context(open_bytes(other)), None)
+                    beside, _ = read_hdus(other, self.enter_context(open_bytes(other)), None)
                     for group in self._groups:
                         group.add_from(role, beside)
                 self._starts = [0, *itertools.accumulate(group.image.planes for group in self._groups)]
@@ -97,10 +95,6 @@ class FitsFile(FrameFile):
             return []
         uses = {number: use for group in self._groups for number, use in group.uses.items()}
         return [(hdu.title, hdu.what, "", uses.get(hdu.number, "not used")) for hdu in self._hdus]
-
-    def close(self) -> None:
-        """Close the file."""
-        self._open.close()
 
 
 def is_plane(path: Path, hdu: int | None = None) -> bool:

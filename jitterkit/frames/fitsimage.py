@@ -10,7 +10,7 @@ import numpy as np
 
 from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
+from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
@@ -192,7 +192,7 @@ def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
     if mosaic not in _NO_MOSAIC:
         raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
-    program = next(filter(is_capture_program, map(cards.text, SOFTWARE_KEYS)), None)
+    program = next(filter(CAPTURE_PROGRAM.search, map(cards.text, SOFTWARE_KEYS)), None)
     if hdu.planes == 3 and program is not None:
         odd.append(
             f"three planes by {program} are taken for three frames: if they are colours, give one alone"

@@ -1,7 +1,7 @@
 """A file of frames, opened: what every format offers, and how its troubles become sentences.
 
-A format is one module with a class derived from :class:`FrameFile`; it implements ``_read`` and
-``close`` and sets the attributes.  The rest of the package sees only this.
+A format is one module with a class derived from :class:`FrameFile`; it implements ``_read``, opens its
+files by ``enter_context`` and sets the attributes.  The rest of the package sees only this.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import threading
 import warnings
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +29,10 @@ _CATCHING = threading.RLock()
 _STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
 
 
-class FrameFile(Sequence[RawFrame], AbstractContextManager["FrameFile"]):
-    """The frames of one file, a sequence of which each is read when it is asked for; a context manager.
+class FrameFile(Sequence[RawFrame], ExitStack):
+    """The frames of one file, a sequence of which each is read when it is asked for.
+
+    It is a context manager that closes what it has opened; ``close()`` does so too, and may be called twice.
 
     Attributes
     ----------
@@ -51,6 +53,7 @@ class FrameFile(Sequence[RawFrame], AbstractContextManager["FrameFile"]):
     kind: str = ""
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self.path = path
         self.shape: tuple[int, int] = (0, 0)
         self.dtype = np.dtype(float)
@@ -63,10 +66,6 @@ class FrameFile(Sequence[RawFrame], AbstractContextManager["FrameFile"]):
     @abstractmethod
     def _read(self, index: int) -> RawFrame:
         """Return what the file says of a frame; any exception is translated."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Give the file back; harmless when done twice."""
 
     def __len__(self) -> int:
         return self._count
@@ -97,9 +96,6 @@ class FrameFile(Sequence[RawFrame], AbstractContextManager["FrameFile"]):
                 raise FrameError(ErrorCode.CHANGED, self.path, problem, "read it again when it is finished")
         metadata = frame.metadata.warn(*caught)
         return frame.with_fields(metadata=metadata, path=self.path, index=number, several=self._count > 1)
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def describe(self) -> list[tuple[str, str, str, str]]:
         """Return ``(name, value, unit, source)`` rows: the file first, then the metadata."""

@@ -144,10 +144,14 @@ class Hdu:
         groups = self.number == 0 and self.structure.get("GROUPS") == "T"
         axes = self._axes("NAXIS")
         count = math.prod(axes[:-1] if groups and axes and axes[-1] == 0 else axes) if axes else 0
-        elements, bits = self.whole("PCOUNT", 0) + count, self._bits("BITPIX")
-        self.span = abs(bits) // 8 * max(self.whole("GCOUNT", 1) * elements, 0)
+        elements = self.whole("PCOUNT", 0) + count
+        bits = {key: self.whole(key) for key in ("BITPIX", "ZBITPIX")[: 1 + self.packed]}
+        for key, value in bits.items():
+            if value not in (8, 16, 32, 64, -32, -64):
+                raise self.refusal(f"has {key} = {value}, which FITS does not know")
+        self.bitpix = bits["ZBITPIX" if self.packed else "BITPIX"]
+        self.span = abs(bits["BITPIX"]) // 8 * max(self.whole("GCOUNT", 1) * elements, 0)
         self.next = self.data + -(-self.span // BLOCK) * BLOCK
-        self.bitpix = self._bits("ZBITPIX") if self.packed else bits
         self.shape = self._axes("ZNAXIS") if self.packed else axes
         array = not groups and (self.packed or extension in ("IMAGE", "IUEIMAGE"))
         self.what = f"an array of {product_of(self.shape)}" if self.shape else "empty"
@@ -169,12 +173,6 @@ class Hdu:
         if _WHOLE.fullmatch(words) is None:
             raise self.refusal(f"has {key} = {words[:30]!r} where a whole number belongs")
         return int(words)
-
-    def _bits(self, key: str) -> int:
-        bits = self.whole(key)
-        if bits not in (8, 16, 32, 64, -32, -64):
-            raise self.refusal(f"has {key} = {bits}, which FITS does not know")
-        return bits
 
     def _axes(self, stem: str) -> tuple[int, ...]:
         count = self.whole(stem)

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
-from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
+from jitterkit.frames.dialects import ALIASES, CAPTURE_PROGRAM, OBSERVATORIES, SOFTWARE_KEYS
 from jitterkit.frames.doubts import doubts, reduced_by
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
@@ -82,7 +82,7 @@ def _objection(cards: Cards, card: Number) -> str | None:
         return None
     if cards.find("EGAIN") is not None:
         return "stands beside an EGAIN, so it is a camera setting"
-    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if is_capture_program(s)), None)
+    software = next(filter(CAPTURE_PROGRAM.search, map(cards.text, SOFTWARE_KEYS)), None)
     if software is not None:
         return f"was written by {software}, so it is a camera setting"
     low, high = PLAUSIBLE_GAIN
@@ -148,6 +148,41 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
     """
     gain, stated = resolve_gain(cards), _unit(cards)
     unit = stated if unit is None else unit
+    bias, exposure, noise = _bias(cards, gain), cards.first("exposure"), None
+    for number in cards.believed("read_noise"):
+        if not number.value and not _NOISELESS.search(number.comment):
+            said = f"{number.key} = 0 is taken to be unknown and is ignored"
+            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
+        elif noise := _in(number, "electron", gain, None, cards):
+            break
+    saturation = _saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated)))
+    scale, va_factor = resolve_scale(cards, wcs), cards.first("va_factor")
+    line_time = cards.first("line_time")
+    rolling = next((key for key in _SHUTTERS if "rolling" in cards.text(key).lower()), None)
+    if line_time is None and rolling is not None:
+        cards.warnings.append(
+            f"{rolling} = {cards.text(rolling)!r} and no LINETIME says how long a row takes: a drift shifts "
+            "rows against each other; give line_time in the instrument file"
+        )
+    known = Metadata(
+        exposure=exposure,
+        gain=gain,
+        read_noise=noise,
+        saturation=saturation,
+        bias=bias,
+        plate_scale=scale,
+        va_factor=va_factor,
+        line_time=line_time,
+        time=resolve_time(cards),
+        unit=unit,
+        wcs=wcs,
+    )
+    found = doubts(cards, known)  # which may add to the cards' warnings too
+    return known.warn(*cards.warnings, *found)
+
+
+def _bias(cards: Cards, gain: Sourced | None) -> Sourced | None:
+    """Return the level of an unexposed pixel [ADU], zero where a card says that it was subtracted."""
     number = next(cards.believed("bias"), None)
     bias = None if number is None else _in(number, "adu", gain, None, cards)
     if number is not None and _SUBTRACTED.search(number.comment):
@@ -160,32 +195,7 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         )
     elif bias is None and (said := reduced_by(cards, "bias")):
         bias = Sourced(0.0, "ADU", f"header {said}, by which the bias was subtracted,")
-    known = Metadata(
-        exposure=cards.first("exposure"),
-        gain=gain,
-        read_noise=_read_noise(cards, gain),
-        saturation=_saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated))),
-        bias=bias,
-        plate_scale=resolve_scale(cards, wcs),
-        va_factor=cards.first("va_factor"),
-        line_time=_line_time(cards),
-        time=resolve_time(cards),
-        unit=unit,
-        wcs=wcs,
-    )
-    found = doubts(cards, known)  # which may add to the cards' warnings too
-    return known.warn(*cards.warnings, *found)
-
-
-def _read_noise(cards: Cards, gain: Sourced | None) -> Sourced | None:
-    """Return the first read noise in e- that is not zero, as programs write where it is unknown."""
-    for noise in cards.believed("read_noise"):
-        if not noise.value and not _NOISELESS.search(noise.comment):
-            said = f"{noise.key} = 0 is taken to be unknown and is ignored"
-            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
-        elif known := _in(noise, "electron", gain, None, cards):
-            return known
-    return None
+    return bias
 
 
 def _in(
@@ -261,19 +271,6 @@ _SHUTTERS = (
     "ESO DET READ MODE", "ESO DET READ NAME",
 )  # fmt: skip
 """Keywords in which a rolling shutter is named."""
-
-
-def _line_time(cards: Cards) -> Sourced | None:
-    known = cards.first("line_time")
-    rolling = next((k for k in _SHUTTERS if "rolling" in cards.text(k).lower()), None)
-    if known is None and rolling is not None:
-        said = f"{rolling} = {cards.text(rolling)!r}"
-        cards.warnings.append(
-            f"{said} and no LINETIME says how long a row takes: a drift shifts rows against each other; "
-            "give line_time in the instrument file"
-        )
-    return known
-
 
 _UNITS = ("BUNITS", "UNITS", "UNIT", "DATAUNIT", "IMUNITS")
 """What programs write in place of ``BUNIT``."""

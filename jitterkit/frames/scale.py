@@ -58,23 +58,22 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
         sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
         if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
             shape = sides[0], sides[1]
-    known = _of_sky(cards, wcs, shape)
-    if known is not None and (why := _unlikely(cards, known.value, shape)):
-        cards.warnings.append(f"{known.source} = {known.value:.4g} arcsec/pixel {why}: check its unit")
-    return known
-
-
-def _unlikely(cards: Cards, scale: float, shape: tuple[int, int] | None) -> str:
-    """Return why a scale [arcsec/pixel] is hardly that of the frame; empty if it may be."""
-    if shape is not None and scale * max(shape) > _SKY:
-        return f"makes the image {scale * max(shape) / 3600:.4g} degrees wide"
-    aside = cards.aside
+    known, why = _of_sky(cards, wcs, shape), ""
+    if known is None:
+        return None
+    scale, aside = known.value, cards.aside
     aperture = aside.quantity("focal_length", "APTDIA")
     side = aside.quantity("pixel_size", "XPIXSZ") or aside.quantity("pixel_size", "PIXSIZE1")
     focal = ARCSEC_PER_RADIAN * 1e-3 * (side.value if side and side.positive else _USUAL_PIXEL) / scale
-    if aperture is not None and focal < _LEAST_RATIO * aperture.value:
-        return f"would need a focal length of {focal:.3g} mm behind an aperture of {aperture.value:g} mm"
-    return "" if _USUAL[0] <= scale <= _USUAL[1] else "is unusual"
+    if shape is not None and scale * max(shape) > _SKY:
+        why = f"makes the image {scale * max(shape) / 3600:.4g} degrees wide"
+    elif aperture is not None and focal < _LEAST_RATIO * aperture.value:
+        why = f"would need a focal length of {focal:.3g} mm behind an aperture of {aperture.value:g} mm"
+    elif not _USUAL[0] <= scale <= _USUAL[1]:
+        why = "is unusual"
+    if why:
+        cards.warnings.append(f"{known.source} = {scale:.4g} arcsec/pixel {why}: check its unit")
+    return known
 
 
 def _of_sky(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:

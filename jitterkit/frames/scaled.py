@@ -39,41 +39,52 @@ class Scaling(NamedTuple):
     how: str
 
 
-def scaling_of(data: np.ndarray) -> Scaling | None:
-    """Recognise pixels of few bits that were scaled to 16.
+def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[str]:
+    """Warn of pixels that were scaled up, of which a gain may be that of the converter.
 
     Parameters
     ----------
-    data : array
-        Pixels as stored, without ``BSCALE``, or less an offset.
+    data : (ny, nx) array
+    metadata : Metadata
+        What the file says; pixels in electrons have no gain.
+    scale : float
+        ``BSCALE``, by which the stored numbers were multiplied as the file says.
 
     Returns
     -------
-    scaling : Scaling or None
-        None for numbers that are no integers, use all 16 bits, or are too few or too alike to show it.
+    warnings : list of str
+        Empty for numbers that are no integers, use all 16 bits, or are too few or too alike to show it.
 
     Notes
     -----
     A mean of two frames of 12 bits, scaled by 16, is taken for one of 13.  Up to 1 % of the pixels may differ
     from the rule.
     """
-    found = None
+    if metadata.value("unit", "adu") != "adu":
+        return []
+    stored = (data if scale == 1 else data / scale).ravel()
     for most in (_FEW, _MANY):
-        sample = data.ravel()[:: max(1, data.size // most)]
+        sample = stored[:: max(1, stored.size // most)]
         finite = sample[np.abs(sample) < 2**53]
         values = finite[finite == np.rint(finite)]
         if not values.size or values.size < (1 - _MOST_ODD) * finite.size:
-            return None
+            return []
         numbers, counts = np.unique(values, return_counts=True)
         usual = numbers[np.argmax(counts)]
         other = values[values != usual].astype(np.int64)
         if other.size < _FEWEST:
-            return None
+            return []
         stretched = _stretched(other) if values.min() >= 0 and values.max() <= _FULL else None
         found = stretched or _multiplied(other - int(usual))
         if found is None:
-            break
-    return found
+            return []
+        factor, how = found
+    said = f"pixels are {how}"
+    if metadata.gain is None:
+        return [f"{said}: divide a gain in e-/ADU that is of unscaled numbers by {factor:.6g} (--gain)"]
+    gain, unscaled = metadata.gain, metadata.gain.value / factor
+    own = f"{gain.source} = {gain.value:g} e-/ADU"
+    return [f"{said}: if {own} is that of the unscaled numbers, give --gain {unscaled:g}"]
 
 
 def _multiplied(apart: np.ndarray) -> Scaling | None:
@@ -106,31 +117,3 @@ def _stretched(numbers: np.ndarray) -> Scaling | None:
             if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
                 return Scaling(_FULL / full, f"those of {bits} bits stretched to 16")
     return None
-
-
-def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[str]:
-    """Warn of pixels that were scaled up, of which a gain may be that of the converter.
-
-    Parameters
-    ----------
-    data : (ny, nx) array
-    metadata : Metadata
-        What the file says; pixels in electrons have no gain.
-    scale : float
-        ``BSCALE``, by which the stored numbers were multiplied as the file says.
-
-    Returns
-    -------
-    warnings : list of str
-    """
-    if metadata.value("unit", "adu") != "adu":
-        return []
-    found = scaling_of(data if scale == 1 else data / scale)
-    if found is None:
-        return []
-    said = f"pixels are {found.how}"
-    if metadata.gain is None:
-        return [f"{said}: divide a gain in e-/ADU that is of unscaled numbers by {found.factor:.6g} (--gain)"]
-    gain, unscaled = metadata.gain, metadata.gain.value / found.factor
-    own = f"{gain.source} = {gain.value:g} e-/ADU"
-    return [f"{said}: if {own} is that of the unscaled numbers, give --gain {unscaled:g}"]
