@@ -97,21 +97,18 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
 
     with dask.config.set(_CONFIGURED), _quiet():
         if scheduler is None:
-            with _local(workers or 1) as cluster, distributed.Client(cluster) as client:
+            cluster = distributed.LocalCluster(
+                n_workers=workers or 1,
+                threads_per_worker=1,
+                memory_limit=None,  # by dask's, a share of the machine's, a worker is suspended for good
+                dashboard_address="127.0.0.1:0",  # any port: another run may have the usual one
+                silence_logs=logging.CRITICAL,
+            )
+            with cluster, distributed.Client(cluster) as client:
                 yield client
         else:
             with _client(scheduler) as client:
                 yield client
-
-
-def _local(workers: int) -> Any:
-    return distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        memory_limit=None,  # by dask's, a share of the machine's, a worker is suspended and never wakes
-        dashboard_address="127.0.0.1:0",  # any port: another run may have the usual one
-        silence_logs=logging.CRITICAL,
-    )
 
 
 def _client(scheduler: str) -> Any:
@@ -190,7 +187,11 @@ def execute_on_cluster(
     parts = _parts(chain(ahead, batches), max(1, len(ahead) // threads))
     name = f"jitterkit-{uuid4().hex}"
     try:
-        _set_up(client, WorkerSetup(task, hdu, ahead[0].items[0][0]), name)
+        try:
+            client.register_plugin(WorkerSetup(task, hdu, ahead[0].items[0][0]), name=name)
+        except ImportError as error:
+            problem = f"A worker lacks {error.name}; install there what is installed here."
+            raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem) from None
         yield from _Scheduler(client, name, finish).run(parts)
     finally:
         if client.status == "running":
@@ -206,15 +207,6 @@ def _parts(batches: Iterable[Batch], most: int) -> Iterator[Part]:
     for _, group in groupby(batches, key=lambda batch: batch.references):
         while part := tuple(islice(group, most)):
             yield part
-
-
-def _set_up(client: Any, setup: WorkerSetup, name: str) -> None:
-    try:
-        client.register_plugin(setup, name=name)
-    except ImportError as error:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE, f"A worker lacks {error.name}; install there what is installed here."
-        ) from None
 
 
 class _Scheduler(Generic[T]):

@@ -95,4 +95,4 @@ _CAPTURE_SOFTWARE = (
 SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "SWMODIFY", "APPLICAT", "ORIGIN", "INSTRUME")
 
 CAPTURE_PROGRAM = re.compile(rf"(?<![a-z])({'|'.join(map(re.escape, _CAPTURE_SOFTWARE))})(?![a-z])", re.I)
-"""Programs and makes of cameras in whose files GAIN is a camera setting; as a word, so "India" is not INDI."""
+"""Programs and makes of cameras in whose files GAIN is a camera setting; "India" is not INDI."""
