@@ -74,7 +74,8 @@ class FitsImage:
         self._outside, cut = (None, "") if self.hdu.role else outside_of_data(cards, self.shape)
         odd += [cut] * bool(cut)
         from_top = rows_from_the_top(cards)
-        if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
+        said = (cards.find(key) or ("",) for key in _MOSAIC_KEYS)
+        if any(isinstance(one[0], str) and one[0].strip().upper() not in _NO_MOSAIC for one in said):
             odd.append("the header says that its pixels lie behind a colour mosaic")
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
@@ -167,11 +168,6 @@ class FitsImage:
         return variance, None, warning
 
 
-def _text(cards: Cards, key: str) -> str:
-    value = (cards.find(key) or ("",))[0]
-    return value.strip().upper() if isinstance(value, str) else ""
-
-
 def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
     """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so.
 
@@ -187,11 +183,12 @@ def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
             raise in_colour(hdu.path, side, f"CTYPE{axis} = {name!r}")
     if len(hdu.shape) < 3 or 3 not in (hdu.shape[0], hdu.shape[-1]):
         return
-    space, mosaic = _text(cards, "COLORSPC") or _text(cards, "COLORSPACE"), _text(cards, "BAYERPAT")
+    space = (cards.text("COLORSPC") or cards.text("COLORSPACE")).upper()
     if space in ("RGB", "SRGB"):
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
-    if mosaic not in _NO_MOSAIC:
-        raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
+    mosaic = (cards.find("BAYERPAT") or ("",))[0]
+    if isinstance(mosaic, str) and mosaic.strip().upper() not in _NO_MOSAIC:
+        raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic.strip().upper()!r}")
     program = next(filter(CAPTURE_PROGRAM.search, map(cards.text, SOFTWARE_KEYS)), None)
     if hdu.planes == 3 and program is not None:
         odd.append(

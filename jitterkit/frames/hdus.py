@@ -172,17 +172,12 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
 
 def _is_other_chip(first: Hdu, other: Hdu) -> bool:
     alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
-    alike = alike and not _is_other_read(first, other)
+    reads = {one.words("SAMPNUM") for one in (first, other)} - {""}
+    alike = alike and len(reads) < 2
     chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
     lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (first, other))
     lettered = lettered and first.detector != other.detector  # SCI_A and SCI_B
     return bool(first.name and other.name) and (alike or chips or lettered)
-
-
-def _is_other_read(first: Hdu, other: Hdu) -> bool:
-    """Return whether two images are reads of one exposure (WFC3/IR): the file begins with the last."""
-    reads = [one.header.get("SAMPNUM") for one in (first, other)]
-    return None not in reads and reads[0] != reads[1]
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
@@ -191,7 +186,8 @@ def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu
     own = [one for one in named if one.detector == image.detector]
     others = {one.detector for one in science} - {image.detector}
     hdus = [one for one in hdus if one not in own and not (one in named and one.detector in others)]
-    reads = any(_is_other_read(image, one) for one in science)
+    read = image.words("SAMPNUM")  # of one exposure with several (WFC3/IR), the last of which comes first
+    reads = bool(read and {one.words("SAMPNUM") for one in science} - {read, ""})
     if len(chips) == 1 and image is science[0] and not reads:
         return own + hdus
     if reads or (len(chips) > 1 and len({one.version for one in chips}) == len(chips)):

@@ -88,13 +88,13 @@ class Pixels:
             return np.dtype(f"u{bitpix // 8}")
         return np.dtype("i1") if (bitpix, scale, zero) == (8, 1, -128) else np.dtype(_DTYPES[bitpix])
 
-    def plane(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return one plane and where it is blank, None where no pixel can be.
+    def plane(self, index: int | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return one plane, or all of them, and where they are blank, None where no pixel can be.
 
         Parameters
         ----------
-        index : int
-            Among the planes of the HDU that count; a single one goes with all.
+        index : int or None
+            Among the planes of the HDU that count; a single one goes with all.  None for the whole image.
 
         Returns
         -------
@@ -107,19 +107,11 @@ class Pixels:
         FrameError
             If the file ends before the plane does.
         """
-        planes, index = self.hdu.shape[:-2], index if self.hdu.planes > 1 else 0
-        index = self.hdu.layers[index] if self.hdu.layers else index
-        return self._read(*map(int, np.unravel_index(index, planes) if planes else ()))
-
-    def everything(self) -> np.ndarray:
-        """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
-        values, blank = self._read()
-        if blank is not None:
-            values[blank] = np.nan
-        return values
-
-    def _read(self, *where: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the pixels behind the first indices, scaled, and where they are blank."""
+        where: tuple[int, ...] = ()
+        if index is not None and len(self.hdu.shape) > 2:
+            index = index if self.hdu.planes > 1 else 0
+            index = self.hdu.layers[index] if self.hdu.layers else index
+            where = tuple(map(int, np.unravel_index(index, self.hdu.shape[:-2])))
         shape, dtype = self.hdu.shape[len(where) :], np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
         if self.packed is not None:
             stored = np.asarray(self.packed.section[(*where, *[slice(None)] * len(shape))])
@@ -147,6 +139,13 @@ class Pixels:
         empty = stored == blank
         values[empty] = 0.0
         return values, empty
+
+    def everything(self) -> np.ndarray:
+        """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
+        values, blank = self.plane(None)
+        if blank is not None:
+            values[blank] = np.nan
+        return values
 
     def checksum_warnings(self) -> list[str]:
         """Compare the HDU with the checksums in its header, and read a gzip to the CRC at its end.
@@ -227,7 +226,22 @@ def open_pixels(hdu: Hdu) -> Pixels:
     :func:`~jitterkit.frames.files.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
-    _refuse_missing_data(hdu, nx * ny)
+    size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
+    declared, planes = abs(hdu.bitpix) // 8 * math.prod(hdu.shape), math.prod(hdu.shape[:-2])
+    held = hdu.data + (hdu.span if hdu.packed else declared) <= size
+    short = not held
+    if hdu.packed or zipped:  # of what is packed a frame still takes a byte
+        short = not unpacks_believably(declared, nx * ny, size) or planes > size
+    if hdu.packed:
+        short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
+    elif zipped and not short and planes > 1:  # a single plane is read at once, or found missing then
+        hdu.handle.seek(hdu.data + declared - 1)
+        short = not hdu.handle.read(1)
+    if short:
+        amount = declared if declared < 10**18 else "more than 10^18"
+        problem = f"declares {amount} bytes of pixels and the file of {size} bytes lacks them"
+        # a complete table may be too short for the pixels that it declares
+        raise (damaged if held and not zipped else truncated)(hdu.path, f"HDU {hdu.number} {problem}")
     refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
     if not hdu.packed:
         return Pixels(hdu)
@@ -236,28 +250,6 @@ def open_pixels(hdu: Hdu) -> Pixels:
         problem = f"HDU {hdu.number} uses {method[:40]!r} compression, which is not read"
         raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, hdu.path, problem, "save the image uncompressed")
     return Pixels(hdu, packed_image(hdu.handle, hdu.number, blank="BLANK" in hdu.header))
-
-
-def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
-    size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
-    declared, planes = abs(hdu.bitpix) // 8 * math.prod(hdu.shape), math.prod(hdu.shape[:-2])
-    held = hdu.data + (hdu.span if hdu.packed else declared) <= size
-    if hdu.packed or zipped:  # of what is packed a frame still takes a byte
-        short = not unpacks_believably(declared, pixels, size) or planes > size
-    else:
-        short = not held
-    if hdu.packed:
-        short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
-    elif zipped and not short and planes > 1:  # a single plane is read at once, or found missing then
-        hdu.handle.seek(hdu.data + declared - 1)
-        short = not hdu.handle.read(1)
-    if short:
-        amount = declared if declared < 10**18 else "more than 10^18"
-        problem = (
-            f"HDU {hdu.number} declares {amount} bytes of pixels and the file of {size} bytes lacks them"
-        )
-        # a complete table may be too short for the pixels that it declares
-        raise (damaged if held and not zipped else truncated)(hdu.path, problem)
 
 
 def _tiles(hdu: Hdu) -> int:

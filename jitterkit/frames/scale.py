@@ -35,6 +35,9 @@ _REDUCERS = ("REDUCER", "FOCREDUC", "FOCALRED", "BARLOW", "EXTENDER", "TELECONV"
 _NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "False")
 """Keywords of a focal reducer or extender, and their values where there is none."""
 
+_NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
+"""Comment of the scale of pixels that are not binned."""
+
 _BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
 """Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
 
@@ -110,7 +113,14 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
         found = f"{optics.source} = {optics.value:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
     nx, ny = _binning(cards)
-    said = _of_these_pixels(cards, said, (nx, ny)) if said is not None else None
+    key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
+    of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
+    if said is not None and of_native and ((nx, ny) != (1, 1) or not any(map(cards.text, _BINNINGS))):
+        found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
+        unsure = (nx, ny) == (1, 1)
+        what = ", and no binning is known: check it" if unsure else ", and is ignored: give --plate-scale"
+        cards.warnings.append(f"{found}{what}")
+        said = said if unsure else None
     known = said or optics
     if known is None:
         return None
@@ -128,24 +138,6 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
     if nx != ny and known is said:
         cards.warnings.append(f"the binning is {nx} x {ny}: pixels are not square")
     return known
-
-
-_NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
-"""Comment of the scale of pixels that are not binned."""
-
-
-def _of_these_pixels(cards: Cards, said: Sourced, binning: tuple[int, int]) -> Sourced | None:
-    """Return a scale, or None with a warning if by its comment it is that of pixels before binning."""
-    key = said.source.removeprefix("header ").partition(" (")[0]
-    of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
-    if not of_native or (binning == (1, 1) and any(map(cards.text, _BINNINGS))):
-        return said
-    found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
-    if binning == (1, 1):
-        cards.warnings.append(f"{found}, and no binning is known: check it")
-        return said
-    cards.warnings.append(f"{found}, and is ignored: give --plate-scale")
-    return None
 
 
 def _of_area(cards: Cards) -> Sourced | None:

@@ -76,19 +76,17 @@ def resolve_time(cards: Cards) -> Sourced | None:
     Returns
     -------
     time : Sourced or None
-        Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
+        Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.  Another keyword that says more than an hour
+        and than the exposure from it adds a warning.
     """
     day = None
     for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG", "MJD", "JD"):
         known = _stated(cards, key)
         if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
-            return _agreeing(cards, key, known)
+            break
         day = day or known  # without a time of day, unless another keyword has one on it
-    return day
-
-
-def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
-    """Return a time, with a warning if another keyword says an hour or more, and an exposure, from it."""
+    else:
+        return day
     when, found = datetime.fromisoformat(known.value), ""
     for other in ("DATE-OBS", "MJD-OBS", "JD"):
         said = None if other == key else _stated(cards.aside, other)
