@@ -93,21 +93,17 @@ def _size(shape: tuple[int, ...]) -> str:
 def _check_number(name: str, value: Any, quantity: Quantity) -> None:
     if value is None:
         return
-    if np.ndim(value) == 0:
-        problem = quantity.problem(value)
-        if problem is not None:
-            message = f"{name} = {value!r} {problem}; give it in {quantity.unit}."
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
-        return
-    finite = np.asarray(value)[np.isfinite(value)]
-    if finite.size == 0:
-        message = f"{name} is a map of {_size(np.shape(value))} pixels without a finite number; give another."
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
-    for extreme in (float(finite.min()), float(finite.max())):
-        problem = quantity.problem(extreme)
-        if problem is not None:
-            message = f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}."
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
+    extremes = [value]
+    if np.ndim(value):
+        finite = np.asarray(value)[np.isfinite(value)]
+        if finite.size == 0:
+            message = f"{name} is a map of {_size(np.shape(value))} pixels without a finite number"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{message}; give another.")
+        extremes = [float(finite.min()), float(finite.max())]
+    for extreme in extremes:
+        if (problem := quantity.problem(extreme)) is not None:
+            said = f"{name} has a pixel of {extreme!r}, which" if np.ndim(value) else f"{name} = {value!r}"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{said} {problem}; give it in {quantity.unit}.")
 
 
 def _check_bits(bits: Any, bias: Any) -> None:

@@ -305,18 +305,15 @@ def find_images(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[
         remedy = "give a file with a two- or three-dimensional image"
     else:
         problem, remedy = f"has no HDU {wanted}", f"choose one from 0 to {last.number}"
-    if _ends_early(last, handle):
+    # a file may end within its last HDU, or within the header of a further one
+    end = last.data + last.span
+    short = not unpacks_believably(end, 0, path.stat().st_size)
+    if not short:
+        handle.seek(end - 1)
+        short = not handle.read(1)
+    if not short:
+        handle.seek(last.next)
+        short = _header(handle, _MOST_HEADER_BLOCKS, b"XTENSION")[0] is ErrorCode.TRUNCATED
+    if short:
         raise truncated(path, problem)
     raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
-
-
-def _ends_early(last: Hdu, handle: BinaryIO) -> bool:
-    """Return whether a file ends within its last HDU, or within the header of a further one."""
-    end = last.data + last.span
-    if not unpacks_believably(end, 0, last.path.stat().st_size):
-        return True
-    handle.seek(end - 1)
-    if not handle.read(1):
-        return True
-    handle.seek(last.next)
-    return _header(handle, _MOST_HEADER_BLOCKS, b"XTENSION")[0] is ErrorCode.TRUNCATED

@@ -256,16 +256,14 @@ class Metadata:
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Return ``(name, value, unit, source)`` for every field, as text, for a table."""
-        rows = [_row(name, getattr(self, name)) for name in FIELDS]
+        rows = []
+        for name in FIELDS:
+            known, unit = getattr(self, name), QUANTITIES[name].unit if name in QUANTITIES else ""
+            value = "unknown" if known is None else known.value
+            text = f"{value:g}" if isinstance(value, float) else str(value)
+            rows.append((name, text, unit, "") if known is None else (name, text, known.unit, known.source))
         axes = "" if self.wcs is None else " ".join(self.wcs.wcs.ctype)
         return [*rows, ("wcs", axes or "unknown", "", "header" if axes else "")]
 
 
 FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings", "row_order"))
-
-
-def _row(name: str, known: Sourced | None) -> tuple[str, str, str, str]:
-    if known is None:
-        return (name, "unknown", QUANTITIES[name].unit if name in QUANTITIES else "", "")
-    text = f"{known.value:g}" if isinstance(known.value, float) else str(known.value)
-    return (name, text, known.unit, known.source)
