@@ -232,7 +232,7 @@ class _Scheduler(Generic[T]):
         sent: dict[Any, Part] = {}
 
         def send(part: Part, **where: Any) -> None:
-            future = self._submit(part, **where)
+            future = self._client.submit(work, self._name, part, self._finish, pure=False, **where)
             sent[future] = part
             going.add(future)
 
@@ -249,9 +249,6 @@ class _Scheduler(Generic[T]):
                 send(done[1], workers=[done[2]], allow_other_workers=True)
             send_more()
             yield from () if done is None else done[0]
-
-    def _submit(self, part: Part, **where: Any) -> Any:
-        return self._client.submit(work, self._name, part, self._finish, pure=False, **where)
 
     def _result(self, future: Any) -> tuple[list[T], Part, str] | None:
         """Return what came of a part, as :func:`work` does; None if it killed its worker."""
@@ -278,7 +275,7 @@ class _Scheduler(Generic[T]):
         return finished
 
     def _alone(self, batch: Batch) -> list[T] | None:
-        done = self._result(self._submit((batch,)))
+        done = self._result(self._client.submit(work, self._name, (batch,), self._finish, pure=False))
         return None if done is None else done[0]
 
     def _frame_by_frame(self, part: Batch) -> Iterator[T]:

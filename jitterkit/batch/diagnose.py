@@ -230,11 +230,9 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
         return result
     x, y, flux = (np.asarray(part) for part in scene.sources())
     brightest = np.asarray(scene.others.flux).argmax() + len(x) - len(scene.others.x)
-    fainter = (
-        f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
-        if flux[brightest] > 0
-        else "dark"
-    )
+    fainter = "dark"
+    if flux[brightest] > 0:
+        fainter = f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
     apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)

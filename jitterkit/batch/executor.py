@@ -191,18 +191,14 @@ def _hand_out(running: deque[_Running], finish: Finish[T], seconds: float = 0.0)
 
 def _for_batch(task: FrameTask, batch: Batch, hdu: int | None, running: Iterable[_Running]) -> FrameTask:
     """Prepare for a batch; if memory runs out, again when nothing else runs, and then without references."""
-    try:
-        return task.for_batch(batch, hdu)
-    except Exception as error:
-        if not out_of_memory(error):
-            raise
-    wait([future for one in running for future in one.futures])
-    try:
-        return task.for_batch(batch, hdu)
-    except Exception as error:
-        if not out_of_memory(error):
-            raise
-        return task.for_batch(replace(batch, references=()), hdu)
+    for busy in ([future for one in running for future in one.futures], []):
+        try:
+            return task.for_batch(batch, hdu)
+        except Exception as error:
+            if not out_of_memory(error):
+                raise
+        wait(busy)
+    return task.for_batch(replace(batch, references=()), hdu)
 
 
 def _read(

@@ -15,7 +15,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, Self
@@ -85,7 +85,7 @@ def wanted(
     return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """The store of a run; a context manager that keeps every other process out while it is open.
 
     Threads may share it.
@@ -199,9 +199,6 @@ class Store:
                 _refuse_results(path.parent, results)
                 store._start_run(configuration, notes or {})
         return store
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -34,9 +34,9 @@ import numpy as np
 from jitterkit.detectors.characteristics import Characteristics, piece
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, ceiling, supplement
-from jitterkit.detectors.readout import read_out
+from jitterkit.detectors.readout import amplified, collected, digitised
 from jitterkit.detectors.reduction import disproved, flags, of_adu, of_electrons
-from jitterkit.errors import one_of
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata
 
@@ -198,7 +198,14 @@ class Detector(Characteristics):
         Bad pixels respond like the others: the map only says not to trust them.  ``diffusion`` and
         ``line_time`` belong to the image's formation and are in the forward model.
         """
-        return read_out(self, expected, rng, exposure, origin)
+        for name in ("dark_current", *["cosmic_rays"] * (rng is not None)):
+            value = getattr(self, name)
+            if exposure is None and value is not None and np.any(value):
+                problem = f"{name} needs the exposure of the frame; give exposure, in s."
+                raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
+        expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
+        charge = collected(self, expected, rng, exposure, origin)
+        return digitised(self, amplified(self, charge, rng, origin), origin)
 
 
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import gzip
+import os
 import re
 import zlib
 from collections.abc import Iterable
@@ -98,8 +99,7 @@ def _expand(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     try:
-        named = (p for p in path.iterdir() if p.name.lower().endswith(EXTENSIONS))
-        files = sorted(p for p in named if not p.name.startswith(".") and p.is_file())
+        files = sorted(filter(may_be_frames, path.iterdir()))
     except OSError as error:
         problem = f"cannot be listed ({error.strerror})"
         raise FrameError(damage_code(error, path), path, problem, "check its permissions") from error
@@ -109,6 +109,12 @@ def _expand(path: Path) -> list[Path]:
             problem, remedy = f"{problem}, but with ASDF files", ASDF_REMEDY
         raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
     return files
+
+
+def may_be_frames(entry: Path | os.DirEntry[str]) -> bool:
+    """Return whether an entry of a directory is a file with one of :data:`EXTENSIONS`, and not hidden."""
+    name = entry.name.lower()
+    return name.endswith(EXTENSIONS) and not name.startswith(".") and entry.is_file()
 
 
 def sniff(path: Path) -> str:

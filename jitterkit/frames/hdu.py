@@ -256,10 +256,8 @@ class Hdu:
         """``"ERR (HDU 2)"``."""
         name, where = self.name or self.given or "image", f"HDU {self.number}"
         if self.layers:
-            name, where = (
-                self.given or "image",
-                f"plane {', '.join(str(n + 1) for n in self.layers)} of {where}",
-            )
+            name = self.given or "image"
+            where = f"plane {', '.join(str(n + 1) for n in self.layers)} of {where}"
         elif self.given:
             where = f"{where} of {self.path.name}"
         return f"{name} ({where})"
