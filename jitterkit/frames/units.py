@@ -28,9 +28,7 @@ UNITS: Mapping[str, str] = {
 }  # fmt: skip
 
 _PER_PIXEL = re.compile(r"(/|per)pix(el)?s?")
-_PER_SECOND = re.compile(
-    r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)", re.I
-)
+_PER_SECOND = re.compile(r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)")
 
 
 def resolve_unit(text: str) -> str | None:
@@ -95,9 +93,8 @@ _MILLIMETRES = _spelled(
         1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
     }
 )
-_METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.4, 304.8)} | _spelled(
-    {1e-9: "nm nanometer nanometers nanometre nanometres"}
-)
+_METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.4, 304.8)}
+_METRES |= _spelled({1e-9: "nm nanometer nanometers nanometre nanometres"})
 _PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")
 _FACTORS = {
     "exposure": _SECONDS,
@@ -282,9 +279,7 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
     return _only_other_units(comment, meaning, default)
 
 
-def _only_other_units(
-    comment: str, meaning: Callable[[str], float | str | None], default: float | str
-) -> str | None:
+def _only_other_units(comment: str, meaning: Callable[[str], object], default: float | str) -> str | None:
     """The comment where it mentions units, and not the one that is meant by default."""
     comment = _LENGTH.sub("", comment)
     words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
@@ -298,9 +293,7 @@ def _only_other_units(
 
 def _names_other_unit(word: str) -> bool:
     """Return whether a word is a unit of any quantity, and no word of other meaning."""
-    unit = word.lower()
-    length = unit.partition("/")[0]
+    unit, length = word.lower(), word.lower().partition("/")[0]
     known = any(length in table for table in (_SECONDS, _ARCSECONDS, _MILLIMETRES))
-    lengths = known and (len(length) > 2 or length in _SHORT)
-    other = lengths or resolve_unit(unit) is not None or _FOREIGN.fullmatch(unit) is not None
-    return unit not in _CLAUSE_ONLY and other
+    other = (known and (len(length) > 2 or length in _SHORT)) or resolve_unit(unit) is not None
+    return unit not in _CLAUSE_ONLY and (other or _FOREIGN.fullmatch(unit) is not None)
