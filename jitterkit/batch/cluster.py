@@ -97,21 +97,18 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
 
     with dask.config.set(_CONFIGURED), _quiet():
         if scheduler is None:
-            with _local(workers or 1) as cluster, distributed.Client(cluster) as client:
+            cluster = distributed.LocalCluster(
+                n_workers=workers or 1,
+                threads_per_worker=1,
+                memory_limit=None,  # by dask's, a share of the machine's, a worker is suspended for good
+                dashboard_address="127.0.0.1:0",  # any port: another run may have the usual one
+                silence_logs=logging.CRITICAL,
+            )
+            with cluster, distributed.Client(cluster) as client:
                 yield client
         else:
             with _client(scheduler) as client:
                 yield client
-
-
-def _local(workers: int) -> Any:
-    return distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        memory_limit=None,  # by dask's, a share of the machine's, a worker is suspended and never wakes
-        dashboard_address="127.0.0.1:0",  # any port: another run may have the usual one
-        silence_logs=logging.CRITICAL,
-    )
 
 
 def _client(scheduler: str) -> Any:
@@ -190,7 +187,11 @@ def execute_on_cluster(
     parts = _parts(chain(ahead, batches), max(1, len(ahead) // threads))
     name = f"jitterkit-{uuid4().hex}"
     try:
-        _set_up(client, WorkerSetup(task, hdu, ahead[0].items[0][0]), name)
+        try:
+            client.register_plugin(WorkerSetup(task, hdu, ahead[0].items[0][0]), name=name)
+        except ImportError as error:
+            problem = f"A worker lacks {error.name}; install there what is installed here."
+            raise ConfigurationError(ErrorCode.MISSING_PACKAGE, problem) from None
         yield from _Scheduler(client, name, finish).run(parts)
     finally:
         if client.status == "running":
@@ -206,15 +207,6 @@ def _parts(batches: Iterable[Batch], most: int) -> Iterator[Part]:
     for _, group in groupby(batches, key=lambda batch: batch.references):
         while part := tuple(islice(group, most)):
             yield part
-
-
-def _set_up(client: Any, setup: WorkerSetup, name: str) -> None:
-    try:
-        client.register_plugin(setup, name=name)
-    except ImportError as error:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE, f"A worker lacks {error.name}; install there what is installed here."
-        ) from None
 
 
 class _Scheduler(Generic[T]):
@@ -240,7 +232,7 @@ class _Scheduler(Generic[T]):
         sent: dict[Any, Part] = {}
 
         def send(part: Part, **where: Any) -> None:
-            future = self._submit(part, **where)
+            future = self._client.submit(work, self._name, part, self._finish, pure=False, **where)
             sent[future] = part
             going.add(future)
 
@@ -257,9 +249,6 @@ class _Scheduler(Generic[T]):
                 send(done[1], workers=[done[2]], allow_other_workers=True)
             send_more()
             yield from () if done is None else done[0]
-
-    def _submit(self, part: Part, **where: Any) -> Any:
-        return self._client.submit(work, self._name, part, self._finish, pure=False, **where)
 
     def _result(self, future: Any) -> tuple[list[T], Part, str] | None:
         """Return what came of a part, as :func:`work` does; None if it killed its worker."""
@@ -286,7 +275,7 @@ class _Scheduler(Generic[T]):
         return finished
 
     def _alone(self, batch: Batch) -> list[T] | None:
-        done = self._result(self._submit((batch,)))
+        done = self._result(self._client.submit(work, self._name, (batch,), self._finish, pure=False))
         return None if done is None else done[0]
 
     def _frame_by_frame(self, part: Batch) -> Iterator[T]:

@@ -22,7 +22,7 @@ from jitterkit.locate import resolution
 from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF
 from jitterkit.optics.otf import PLATE_SCALE
-from jitterkit.refit import FitResult, SceneChoice, Status, single_star
+from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
@@ -94,24 +94,17 @@ def unusable(frame: Frame, data: Data) -> FitResult | None:
     """Return why a frame shows too little to be fitted; None for one that does not."""
     used = int(np.count_nonzero(np.asarray(data.used)))
     if not used:
-        return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {_why_unusable(frame)}.")
+        why, saturation = "every pixel is masked or not a number", frame.metadata.saturation
+        if frame.saturated and saturation is not None:
+            level = f"{saturation.value:g} ADU ({saturation.source})"
+            why = f"{frame.saturated} of {frame.mask.size} pixels are saturated at {level}, the rest masked"
+        return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}: {why}.")
     if min(frame.shape) < LIMITS.side:
         return FitResult(Status.NO_DATA, f"{frame.shape[1]} x {frame.shape[0]} pixels are too few for a fit.")
     if used < LIMITS.used:
         few = f"{used} usable pixels are too few for a fit; at least {LIMITS.used} are needed."
         return FitResult(Status.NO_DATA, few)
     return None
-
-
-def undecided(choice: SceneChoice) -> FitResult | None:
-    """Return why no scene can be chosen; None if one can."""
-    if not choice.undecided:
-        return None
-    return FitResult(
-        Status.UNDETERMINED,
-        f"A pair closer than the resolution, or a smear: {choice.readings}; the odds are "
-        f"{math.exp(choice.log_odds):.2g} to 1 for the pair. Give --scene if it is known.",
-    )
 
 
 def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale: float) -> FitResult:
@@ -127,10 +120,21 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
         The instrument's, arcsec.
     """
     result = _flag_further_stars(result, found.optics.nominal)
-    result = _flag_varying_blur(found, result)
+    p = result.parameters
+    is_field = result.status.usable and p is not None and p.scene.name == Stars.name
+    if p is not None and is_field and result.image is not None and result.residual is not None:
+        data = found.data.without(~np.isfinite(result.residual))
+        remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
+        result = result.remarked(remark or "", "blur_varies")
     result = classify(frame, result, plate_scale, found)
     result = flag_faint_companion(result, found.optics.nominal)
-    result = _flag_plate_scale(result)
+    if result.status.usable and {"separation", PLATE_SCALE} <= set(result.names):
+        factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
+        if factor > LARGE_FACTOR:
+            remark = (
+                f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
+            )
+            result = result.remarked(remark, "scale_degenerate")
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
     minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
@@ -226,11 +230,9 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
         return result
     x, y, flux = (np.asarray(part) for part in scene.sources())
     brightest = np.asarray(scene.others.flux).argmax() + len(x) - len(scene.others.x)
-    fainter = (
-        f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
-        if flux[brightest] > 0
-        else "dark"
-    )
+    fainter = "dark"
+    if flux[brightest] > 0:
+        fainter = f"{2.5 * np.log10(flux[0] / flux[brightest]):.2g} mag fainter than A"
     apart = np.hypot(x[brightest] - x[0], y[brightest] - y[0])
     count = len(scene.others.x)
     which = "the brightest " * (count > 1)
@@ -242,39 +244,6 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
             "proportion to the light; then the jitter is wrong too."
         )
     return result.remarked(remark, "further_stars")
-
-
-def _flag_varying_blur(found: SceneEstimate, result: FitResult) -> FitResult:
-    """Add a remark to a result where the stars of a field differ in their blur."""
-    p = result.parameters
-    if p is None or result.image is None or result.residual is None or p.scene.name != Stars.name:
-        return result
-    if not result.status.usable:
-        return result
-    data = found.data.without(~np.isfinite(result.residual))
-    remark = describe_field_variation(p, found.optics.otf(p.aberrations), result.image, data)
-    return result.remarked(remark or "", "blur_varies")
-
-
-def _flag_plate_scale(result: FitResult) -> FitResult:
-    """Add a remark to a result whose separation and plate scale can hardly be distinguished."""
-    if not {"separation", PLATE_SCALE} <= set(result.names):
-        return result
-    factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
-    if not (result.status.usable and factor > LARGE_FACTOR):
-        return result
-    remark = f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
-    return result.remarked(remark, "scale_degenerate")
-
-
-def _why_unusable(frame: Frame) -> str:
-    saturation = frame.metadata.saturation
-    if frame.saturated and saturation is not None:
-        return (
-            f"{frame.saturated} of {frame.mask.size} pixels are saturated at {saturation.value:g} ADU "
-            f"({saturation.source}), the rest masked"
-        )
-    return "every pixel is masked or not a number"
 
 
 def _jitter_hint(result: FitResult) -> str:
@@ -306,7 +275,13 @@ def _sky_hint(frame: Frame, result: FitResult) -> str:
         if result.parameters is None or result.image is None or not len(result.covariance):
             return ""
         level, error = float(result.parameters.background), result.error("background")
-        if level > -LIMITS.below * error or _dark_pixels(frame, result) > -LIMITS.below:
+        if level > -LIMITS.below * error:
+            return ""
+        # the quarter of the pixels with the least modelled light, whose mean is as far below zero
+        image = np.where(np.isfinite(result.residual), result.image, np.nan)
+        dark = image <= np.nanquantile(image, 0.25)
+        noise = max(np.sqrt(np.sum(np.broadcast_to(frame.read_variance, dark.shape)[dark])), 1.0)
+        if np.sum(frame.electrons[dark]) / noise > -LIMITS.below:
             return ""
         return f"The background is {level:.3g} electrons a pixel: the bias level may be too high (--bias)."
     mean, count = float(np.nanmean(result.residual)), int(np.isfinite(result.residual).sum())
@@ -314,16 +289,6 @@ def _sky_hint(frame: Frame, result: FitResult) -> str:
         return ""
     side = "above" if mean > 0 else "below"
     return f"The frame lies {side} the model all over: leave out --no-background if there may be sky."
-
-
-def _dark_pixels(frame: Frame, result: FitResult) -> float:
-    """Return the mean of the quarter of the pixels with the least modelled light, in standard errors."""
-    assert result.image is not None
-    assert result.residual is not None
-    image = np.where(np.isfinite(result.residual), result.image, np.nan)
-    dark = image <= np.nanquantile(image, 0.25)
-    noise = np.sqrt(np.sum(np.broadcast_to(frame.read_variance, dark.shape)[dark]))
-    return float(np.sum(frame.electrons[dark]) / max(noise, 1.0))
 
 
 def _outlier_hint(frame: Frame, result: FitResult) -> str:

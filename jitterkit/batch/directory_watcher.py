@@ -16,7 +16,7 @@ from pathlib import Path
 from jitterkit.batch.plan import Item
 from jitterkit.errors import JitterkitError, printable
 from jitterkit.frames import is_whole, open_frames
-from jitterkit.frames.files import EXTENSIONS
+from jitterkit.frames.files import may_be_frames
 
 log = logging.getLogger(__name__)
 
@@ -84,8 +84,10 @@ class DirectoryWatcher:
         for name in sorted(self._names()):
             path = self._directory / name
             if self._is_unchanged(name, path):
-                yield from self._whole_frames(self._seen[name], path)
-                self._retire(name)
+                seen = self._seen[name]
+                yield from self._whole_frames(seen, path)
+                if seen.whole and seen.scans > _RETIRED_AFTER:
+                    self._retired[name] = self._seen.pop(name)
 
     def retry(self, path: Path, index: int) -> None:
         """Take back a frame that was yielded, and then could not be read: its file may be being rewritten.
@@ -134,7 +136,7 @@ class DirectoryWatcher:
             self._lost = True
             return []
         self._lost = False
-        names = [entry.name for entry in present if _may_be_frames(entry)]
+        names = [entry.name for entry in present if may_be_frames(entry)]
         for gone in self._seen.keys() - set(names):
             if not self._seen[gone].yielded:
                 del self._seen[gone]
@@ -177,16 +179,6 @@ class DirectoryWatcher:
         """Return the frames that have not been yielded, in this session or before."""
         name = printable(path.name)
         return ((path, i) for i in indices if i not in seen.yielded and (name, i) not in self._done)
-
-    def _retire(self, name: str) -> None:
-        seen = self._seen[name]
-        if seen.whole and seen.scans > _RETIRED_AFTER:
-            self._retired[name] = self._seen.pop(name)
-
-
-def _may_be_frames(entry: os.DirEntry) -> bool:
-    name = entry.name.lower()
-    return name.endswith(EXTENSIONS) and not name.startswith(".") and entry.is_file()
 
 
 def _count(path: Path, hdu: int | None) -> int:

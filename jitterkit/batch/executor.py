@@ -139,7 +139,7 @@ def execute(
                 ready = _for_batch(task, batch, hdu, running)
                 running.append(one := _Running(batch))
                 for path, index, raw in reader.read(batch.items):
-                    attempt = partial(_attempt, ready, _read(ready, path, index, raw))
+                    attempt = partial(_attempt, ready, *_read(ready, path, index, raw))
                     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
                     ahead.acquire()
                     one.futures.append(pool.submit(limiter.run, attempt))
@@ -191,49 +191,41 @@ def _hand_out(running: deque[_Running], finish: Finish[T], seconds: float = 0.0)
 
 def _for_batch(task: FrameTask, batch: Batch, hdu: int | None, running: Iterable[_Running]) -> FrameTask:
     """Prepare for a batch; if memory runs out, again when nothing else runs, and then without references."""
-    try:
-        return task.for_batch(batch, hdu)
-    except Exception as error:
-        if not out_of_memory(error):
-            raise
-    wait([future for one in running for future in one.futures])
-    try:
-        return task.for_batch(batch, hdu)
-    except Exception as error:
-        if not out_of_memory(error):
-            raise
-        return task.for_batch(replace(batch, references=()), hdu)
+    for busy in ([future for one in running for future in one.futures], []):
+        try:
+            return task.for_batch(batch, hdu)
+        except Exception as error:
+            if not out_of_memory(error):
+                raise
+        wait(busy)
+    return task.for_batch(replace(batch, references=()), hdu)
 
 
-@dataclass(frozen=True)
-class _Read:
-    """A frame that was read: calibrated, with the digest of its pixels, or as it is where that failed."""
+def _read(
+    task: FrameTask, path: Path, index: int, raw: RawFrame | JitterkitError
+) -> tuple[Outcome, RawFrame | None, Any]:
+    """Calibrate a frame where it is read; whatever fails is tried again, and reported, in a thread.
 
-    outcome: Outcome
-    raw: RawFrame | None = None
-    calibrated: Any = None
-
-
-def _read(task: FrameTask, path: Path, index: int, raw: RawFrame | JitterkitError) -> _Read:
-    """Calibrate a frame where it is read; whatever fails is tried again, and reported, in a thread."""
+    Returns the outcome so far, the frame as it was read if it is still to be calibrated, or else calibrated.
+    """
     if isinstance(raw, JitterkitError):
-        return _Read(Outcome(path, index, FitResult.from_error(Status.UNREADABLE, raw)))
+        return Outcome(path, index, FitResult.from_error(Status.UNREADABLE, raw)), None, None
     try:
         digest, calibrated = raw.digest, task.calibrate(raw)
-        return _Read(Outcome(path, index, None, raw.metadata, digest), None, calibrated)
+        return Outcome(path, index, None, raw.metadata, digest), None, calibrated
     except Exception:
-        return _Read(Outcome(path, index, None, raw.metadata), raw)
+        return Outcome(path, index, None, raw.metadata), raw, None
 
 
-def _attempt(task: FrameTask, read: _Read, alone: bool) -> Outcome:
+def _attempt(task: FrameTask, known: Outcome, raw: RawFrame | None, calibrated: Any, alone: bool) -> Outcome:
     """Process a frame; whatever it raises is a status, a lack of memory only if nothing else runs."""
-    known, calibrated, digest = read.outcome, read.calibrated, read.outcome.digest
     if known.result is not None:
         return known
+    digest = known.digest
     try:
-        if read.raw is not None:
-            digest = read.raw.digest
-            calibrated = task.calibrate(read.raw)
+        if raw is not None:
+            digest = raw.digest
+            calibrated = task.calibrate(raw)
         result = task.complete(calibrated)
     except Exception as error:
         if out_of_memory(error) and not alone:

@@ -90,7 +90,8 @@ def _describe_difference(path: tuple, before: Any, after: Any) -> str:
 
 def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
     """Say what to do about new files, or about missing ones; empty if there are both, or neither."""
-    new, gone = _without(now, stored), _without(stored, now)
+    before, after = set(stored), set(now)
+    new, gone = [name for name in now if name not in before], [name for name in stored if name not in after]
     if new and not gone:
         return (
             f"{directory} was started without {len(new)} of these files ({_some(new)}); process what is new "
@@ -103,11 +104,6 @@ def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
             f"({_some(gone)}); put back what is missing, or give another directory."
         )
     return ""
-
-
-def _without(names: list[str], others: list[str]) -> list[str]:
-    known = set(others)
-    return [name for name in names if name not in known]
 
 
 def _some(names: list[str]) -> str:
@@ -192,7 +188,7 @@ def recounted(
     its time set back.
     """
     present = {index: stamp for index, path in enumerate(files[: len(known)]) if (stamp := _stamp(path))}
-    changed = {index: now for index, now in present.items() if not _is_same(known[index].stamp, now)}
+    changed = {index: now for index, now in present.items() if not _is_same(known[index].stamp or now, now)}
     if not changed:
         return {}
     frames = [one.frames for one in known]
@@ -202,12 +198,13 @@ def recounted(
         raise ConfigurationError(ErrorCode.CHANGED, _spoilt(files, known, changed, spoilt))
     recounted_files = {index: Counted(count(files[index]), stamp) for index, stamp in changed.items()}
     shifted = [index for index, one in recounted_files.items() if one.frames != frames[index]]
-    if _batches(files, _with(frames, recounted_files), size, done) != planned:
+    now = [recounted_files[index].frames if index in recounted_files else n for index, n in enumerate(frames)]
+    if _batches(files, now, size, done) != planned:
         first = shifted[0]
         raise ConfigurationError(
             ErrorCode.CHANGED,
             f"The number of frames in {printable(files[first])} was {frames[first]} and is "
-            f"{recounted_files[first].frames} now, and frames after those have been done; {_REMEDY}",
+            f"{now[first]} now, and frames after those have been done; {_REMEDY}",
         )
     return recounted_files
 
@@ -224,23 +221,15 @@ def _stamp(path: Path) -> Stamp | None:
     return sum(status.st_size for status in known), max(status.st_mtime_ns for status in known)
 
 
-def _is_same(then: Stamp | None, now: Stamp) -> bool:
-    return then is None or (then[0] == now[0] and _is_same_time(then[1], now[1]))
-
-
-def _is_same_time(a: int, b: int) -> bool:
-    """Return whether two times are equal, or one is the other rounded to a grain."""
-    return a == b or any(abs(a - b) < grain and (a % grain == 0) != (b % grain == 0) for grain in _GRAINS)
+def _is_same(then: Stamp, now: Stamp) -> bool:
+    """Return whether sizes and times are equal, or one time is the other rounded to a grain."""
+    a, b = then[1], now[1]
+    rounded = any(abs(a - b) < grain and (a % grain == 0) != (b % grain == 0) for grain in _GRAINS)
+    return then[0] == now[0] and (a == b or rounded)
 
 
 def _batches(files: Sequence[Path], frames: Sequence[int], size: int, done: Collection[int]) -> list[Batch]:
     return [batch for batch in plan_batches(files[: len(frames)], frames, size) if batch.number in done]
-
-
-def _with(frames: Sequence[int], recounted_files: Mapping[int, Counted]) -> list[int]:
-    return [
-        recounted_files[index].frames if index in recounted_files else n for index, n in enumerate(frames)
-    ]
 
 
 def _spoilt(

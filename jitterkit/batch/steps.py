@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.batch.diagnose import diagnose, undecided, unusable
+from jitterkit.batch.diagnose import diagnose, unusable
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
 from jitterkit.estimators import KernelEstimate, estimator
@@ -126,8 +126,12 @@ def locate(
     found, clean = search(frame, optics, scene, data, options, warm, rough=rough)
     if isinstance(found, FitResult):
         return found
-    if (result := undecided(found)) is not None:
-        return result
+    if found.undecided:
+        return FitResult(
+            Status.UNDETERMINED,
+            f"A pair closer than the resolution, or a smear: {found.readings}; the odds are "
+            f"{math.exp(found.log_odds):.2g} to 1 for the pair. Give --scene if it is known.",
+        )
     start, ambiguity = found.start, found.ambiguity
     if not ambiguity and warm is not None and warm.scene == found.scene:
         ambiguity = warm.ambiguity

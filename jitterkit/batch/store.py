@@ -15,7 +15,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, Self
@@ -85,7 +85,7 @@ def wanted(
     return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
 
 
-class Store:
+class Store(AbstractContextManager["Store"]):
     """The store of a run; a context manager that keeps every other process out while it is open.
 
     Threads may share it.
@@ -112,8 +112,10 @@ class Store:
     def __init__(self, path: Path) -> None:
         self.path, self._file = path, StoreFile(path)
         with self._closed_on_error():
-            self.configuration: dict[str, Any] = self._noted("configuration", {})
-            self.notes: dict[str, Any] = self._noted("notes", {})
+            noted = dict(self._file.read("SELECT name, value FROM run"))
+            with translate_errors(path):
+                self.configuration: dict[str, Any] = json.loads(noted.get("configuration", "{}"))
+                self.notes: dict[str, Any] = json.loads(noted.get("notes", "{}"))
 
     @classmethod
     def create(
@@ -198,9 +200,6 @@ class Store:
                 store._start_run(configuration, notes or {})
         return store
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -239,7 +238,9 @@ class Store:
         ValueError
             If one of the rows has been entered before.
         """
-        packed, count = _pack(rows), len(rows)
+        # surrogatepass: the undecodable bytes of a file name.  Level 6 saves a sixth and takes twice as long.
+        text = json.dumps(rows, ensure_ascii=False).encode("utf-8", "surrogatepass")
+        packed, count = zlib.compress(text, 1), len(rows)
         shown = [
             (batch, start + i, *(_readable(row.get(name)) for name in _READABLE_COLUMNS))
             for i, row in enumerate(rows)
@@ -284,7 +285,8 @@ class Store:
     def _rows_of(self, batch: int, start: int) -> list[Row]:
         with translate_errors(self.path):
             query = "SELECT rows FROM batches WHERE batch = ? AND start = ?"
-            return _unpack(self._file.read(query, (batch, start))[0][0])
+            packed = self._file.read(query, (batch, start))[0][0]
+            return json.loads(zlib.decompress(packed).decode("utf-8", "surrogatepass"))
 
     def ranks(self) -> list[Rank]:
         """Return the ranks of the frames of which data for a picture are kept, for :func:`wanted`."""
@@ -370,11 +372,6 @@ class Store:
             for name, value in (("configuration", self.configuration), ("notes", self.notes)):
                 execute("INSERT INTO run VALUES (?, ?)", (name, json.dumps(value, indent=1)))
 
-    def _noted(self, name: str, otherwise: Any) -> Any:
-        found = self._file.read("SELECT value FROM run WHERE name = ?", (name,))
-        with translate_errors(self.path):
-            return json.loads(found[0][0]) if found else otherwise
-
     @contextmanager
     def _closed_on_error(self) -> Iterator[None]:
         try:
@@ -396,15 +393,6 @@ def _refuse_results(directory: Path, results: Iterable[str]) -> None:
 
 def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(value))
-
-
-def _pack(rows: Sequence[Row]) -> bytes:
-    # surrogatepass: the undecodable bytes of a file name.  Level 6 saves a sixth and takes twice as long.
-    return zlib.compress(json.dumps(rows, ensure_ascii=False).encode("utf-8", "surrogatepass"), 1)
-
-
-def _unpack(packed: bytes) -> list[Row]:
-    return json.loads(zlib.decompress(packed).decode("utf-8", "surrogatepass"))
 
 
 def _readable(value: Any) -> Any:

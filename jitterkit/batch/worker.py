@@ -71,8 +71,11 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         self.configured = {name: getattr(jax.config, name) for name in _SHARED}
 
     def setup(self, worker: Any) -> None:
-        for name, value in _environment(worker.state.nthreads).items():
-            os.environ.setdefault(name, value)
+        # no digit depends on these: otherwise XLA would start as many threads as there are processors in
+        # every process, and take three quarters of a GPU; with fewer threads than the worker has, programs
+        # of its own would wait for each other
+        os.environ.setdefault("NPROC", str(worker.state.nthreads))
+        os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
         for name, value in self.configured.items():
             jax.config.update(name, value)
         self.home = os.getcwd()
@@ -100,15 +103,6 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
                     f"The worker {address} computes with {name} {here.get(name)}, this process with "
                     f"{self.computed[name]}, which changes the last digits; make them the same.",
                 )
-
-
-def _environment(threads: int) -> dict[str, str]:
-    """Return the environment of a worker that has set nothing else; no digit depends on it.
-
-    Otherwise XLA would start as many threads as there are processors in every process, and take three
-    quarters of a GPU; with fewer than the worker has, programs of its own would wait for each other.
-    """
-    return {"NPROC": str(threads), "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
 
 
 def _computed_with() -> dict[str, str]:

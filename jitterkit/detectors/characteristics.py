@@ -93,21 +93,17 @@ def _size(shape: tuple[int, ...]) -> str:
 def _check_number(name: str, value: Any, quantity: Quantity) -> None:
     if value is None:
         return
-    if np.ndim(value) == 0:
-        problem = quantity.problem(value)
-        if problem is not None:
-            message = f"{name} = {value!r} {problem}; give it in {quantity.unit}."
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
-        return
-    finite = np.asarray(value)[np.isfinite(value)]
-    if finite.size == 0:
-        message = f"{name} is a map of {_size(np.shape(value))} pixels without a finite number; give another."
-        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
-    for extreme in (float(finite.min()), float(finite.max())):
-        problem = quantity.problem(extreme)
-        if problem is not None:
-            message = f"{name} has a pixel of {extreme!r}, which {problem}; give it in {quantity.unit}."
-            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
+    extremes = [value]
+    if np.ndim(value):
+        finite = np.asarray(value)[np.isfinite(value)]
+        if finite.size == 0:
+            message = f"{name} is a map of {_size(np.shape(value))} pixels without a finite number"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{message}; give another.")
+        extremes = [float(finite.min()), float(finite.max())]
+    for extreme in extremes:
+        if (problem := quantity.problem(extreme)) is not None:
+            said = f"{name} has a pixel of {extreme!r}, which" if np.ndim(value) else f"{name} = {value!r}"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{said} {problem}; give it in {quantity.unit}.")
 
 
 def _check_bits(bits: Any, bias: Any) -> None:
@@ -247,7 +243,7 @@ class Characteristics:
             if np.ndim(values) and not np.isfinite(values).all():
                 missing = ~np.isfinite(values)
                 bad = missing if bad is None else bad | missing
-                object.__setattr__(self, name, np.where(missing, nominal(values), values))
+                object.__setattr__(self, name, np.where(missing, self.nominal(name), values))
         return bad
 
     def source(self, name: str) -> str:
@@ -255,13 +251,15 @@ class Characteristics:
         return self.sources.get(name, "argument Detector")
 
     def nominal(self, name: str) -> float | None:
-        """Return a number, or the median of a map, by its name; None where it is not known."""
-        if name not in self._nominals:
-            self._nominals[name] = nominal(getattr(self, name))
+        """Return a number, or the median of a map where it is finite, by its name; None if it is unknown."""
+        values = getattr(self, name)
+        if values is None or name in self._nominals:
+            return self._nominals.get(name)
+        self._nominals[name] = float(np.median(np.asarray(values)[np.isfinite(values)]))
         return self._nominals[name]
 
     @cached_property
-    def _nominals(self) -> dict[str, float | None]:
+    def _nominals(self) -> dict[str, float]:
         """Medians once found: of 20 million pixels one takes longer than a frame."""
         return {}
 
@@ -285,20 +283,12 @@ def as_map(values: Any) -> Any:
     """Return a map as an array of floats (those of 32 bits stay), a number as one, None as None.
 
     A number of a detector may be one for all pixels or a map ``(ny, nx)`` of the whole detector.
-    :func:`piece` takes what lies under a frame, :func:`nominal` the one number that stands for a map.
+    :func:`piece` takes what lies under a frame.
     """
     if values is None or np.ndim(values) == 0:
         return values
     array = np.asarray(values)
     return array if array.dtype == np.float32 else array.astype(float)
-
-
-def nominal(values: np.ndarray | float | None) -> float | None:
-    """Return the number that stands for a map: its median, of what is finite."""
-    if values is None or np.ndim(values) == 0:
-        return None if values is None else float(values)
-    finite = np.asarray(values)[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else None
 
 
 def piece(

@@ -24,19 +24,21 @@ and no diffusion.  Measure your own camera's and name its maps in an instrument 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics
-from jitterkit.detectors.knowledge import inform
-from jitterkit.detectors.readout import read_out
-from jitterkit.detectors.reduction import reduce
-from jitterkit.errors import one_of
+from jitterkit.detectors.characteristics import Characteristics, piece
+from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
+from jitterkit.detectors.knowledge import ASSUMED, ceiling, supplement
+from jitterkit.detectors.readout import amplified, collected, digitised
+from jitterkit.detectors.reduction import disproved, flags, of_adu, of_electrons
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.frames.frame import Frame, RawFrame
-from jitterkit.frames.metadata import Metadata
+from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,22 @@ class Detector(Characteristics):
             level if anything sets one, and with the time between rows, in the order of the image's rows.
             A frame keeps what it says of itself, by rank.  Doing it twice changes nothing.
         """
-        return inform(self, metadata)
+        for name, assumed in ASSUMED.items():
+            metadata = supplement(metadata, name, self.nominal(name), self.source(name))
+            if getattr(metadata, name) is None:
+                metadata = metadata.override("assumed, as nothing says it", **{name: assumed})
+        metadata = supplement(metadata, "bad_bits", self.bad_bits, self.source("bad_bits"))
+        line_time, order = self.line_time, metadata.row_order
+        if line_time and not order:
+            metadata = metadata.warn(ROWS_ARE_COLUMNS)
+        line_time = line_time * order if line_time else line_time
+        metadata = supplement(metadata, "line_time", line_time, self.source("line_time"))
+        name, level = ceiling(self, metadata)
+        # our own earlier word may rest on a gain that has been corrected since
+        words = {self.source(name) for name in ("saturation", "full_well", "bits")}
+        stated = metadata.saturation is not None and metadata.saturation.source in words
+        metadata = replace(metadata, saturation=None) if stated else metadata
+        return supplement(metadata, "saturation", None if math.isinf(level) else level, self.source(name))
 
     def calibrate(self, raw: RawFrame) -> Frame:
         """Turn a frame as it was read into electrons.
@@ -104,7 +121,43 @@ class Detector(Characteristics):
         map's median.  *Fails when* a converter ends below the full well of a coupled detector: the
         ceiling is then that of an even surface.
         """
-        return reduce(self, raw)
+        normalised = is_normalised(raw)
+        raw = in_counts(raw)
+        metadata = self.inform(raw.metadata)
+        raw = raw.with_metadata(replace(raw.metadata, bad_bits=metadata.bad_bits))
+        if raw.variance is not None:
+            raw = with_read_variance(raw, metadata)
+            metadata = self.inform(raw.metadata)
+        wrong, detector, is_adu = disproved(self, raw, metadata), self, raw.unit == "adu"
+        if wrong:
+            detector = replace(self, **wrong)
+            metadata = detector.inform(raw.metadata)
+        counts = (of_adu if is_adu else of_electrons)(detector, raw, metadata)
+        where = raw.name, raw.origin, raw.shape
+        flat = 1.0 if self.flat is None else piece("flat", self.flat, *where)
+        bad = counts.unknown | np.asarray(flat <= 0)
+        if self.bad_pixels is not None:
+            bad = bad | np.asarray(piece("bad_pixels", self.bad_pixels, *where), dtype=bool)
+        response = np.where(flat > 0, flat, 1.0) if is_adu and np.ndim(flat) else 1.0
+        full = counts.full & ~raw.mask
+        said = flags(self, raw, metadata, bool(np.any(full)), bool(wrong))
+        return Frame(
+            electrons=counts.electrons / response,
+            read_variance=np.asarray(counts.variance),
+            mask=raw.mask | counts.full | bad,
+            exposure=metadata.value("exposure"),
+            plate_scale=metadata.value("plate_scale"),
+            metadata=metadata,
+            path=raw.path,
+            index=raw.index,
+            origin=raw.origin,
+            several=raw.several,
+            saturated=int(np.sum(full)),
+            flags=(*said, *[NORMALISED] * normalised),
+            response=response,
+            ceiling=counts.ceiling / response,
+            full=full & ~bad,
+        )
 
     def expose(
         self,
@@ -145,7 +198,14 @@ class Detector(Characteristics):
         Bad pixels respond like the others: the map only says not to trust them.  ``diffusion`` and
         ``line_time`` belong to the image's formation and are in the forward model.
         """
-        return read_out(self, expected, rng, exposure, origin)
+        for name in ("dark_current", *["cosmic_rays"] * (rng is not None)):
+            value = getattr(self, name)
+            if exposure is None and value is not None and np.any(value):
+                problem = f"{name} needs the exposure of the frame; give exposure, in s."
+                raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
+        expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
+        charge = collected(self, expected, rng, exposure, origin)
+        return digitised(self, amplified(self, charge, rng, origin), origin)
 
 
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"

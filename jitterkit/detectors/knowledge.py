@@ -1,6 +1,6 @@
 """What a detector adds to the knowledge about a frame: numbers, and the end of the range.
 
-:func:`inform` lays a detector's numbers under what the frame says of itself, by the ranks of
+:func:`supplement` lays a number under what the frame says of itself, by the ranks of
 :mod:`jitterkit.frames.metadata`; :func:`ceiling` finds the level that ends the range;
 :func:`own` decides between a detector's map and the one number that a frame's metadata can hold.
 """
@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.response import measured
-from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata, Sourced
+from jitterkit.frames.metadata import Metadata, Sourced
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 """What is taken where nobody says: a counter of electrons without noise."""
@@ -24,7 +23,7 @@ ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
 WELL_MARGIN = 5.0
 """Read-out sigmas below the full well from which a pixel counts as full: one in 3 million escapes."""
 
-_SAME = 1e-6
+SAME = 1e-6
 """Relative difference below which two numbers are one: what a header's decimals leave."""
 
 
@@ -37,31 +36,6 @@ def supplement(metadata: Metadata, name: str, value: Any, source: str) -> Metada
     if present is not None and present.precedence <= Sourced(value, "", source).precedence:
         return metadata
     return metadata.override(source, **{name: value})
-
-
-def inform(detector: Characteristics, metadata: Metadata) -> Metadata:
-    """Add what a detector knows to what is known about a frame; see :meth:`Detector.inform`."""
-    for name, assumed in ASSUMED.items():
-        metadata = supplement(metadata, name, detector.nominal(name), detector.source(name))
-        if getattr(metadata, name) is None:
-            metadata = metadata.override("assumed, as nothing says it", **{name: assumed})
-    metadata = supplement(metadata, "bad_bits", detector.bad_bits, detector.source("bad_bits"))
-    metadata = _with_line_time(detector, metadata)
-    name, level = ceiling(detector, metadata)
-    # our own earlier word may rest on a gain that has been corrected since
-    words = {detector.source(name) for name in ("saturation", "full_well", "bits")}
-    stated = metadata.saturation is not None and metadata.saturation.source in words
-    metadata = replace(metadata, saturation=None) if stated else metadata
-    return supplement(metadata, "saturation", None if math.isinf(level) else level, detector.source(name))
-
-
-def _with_line_time(detector: Characteristics, metadata: Metadata) -> Metadata:
-    stated, order = detector.line_time, metadata.row_order
-    if stated and not order:
-        metadata = metadata.warn(ROWS_ARE_COLUMNS)
-    return supplement(
-        metadata, "line_time", stated * order if stated else stated, detector.source("line_time")
-    )
 
 
 def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
@@ -81,14 +55,6 @@ def ceiling(detector: Characteristics, metadata: Metadata) -> tuple[str, float]:
 
 def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray | float:
     """Return a number of a frame: the detector's map where the metadata hold that map's nominal value."""
-    value, stated = getattr(detector, name), metadata.value(name)
-    return value if np.ndim(value) and _same(stated, detector.nominal(name)) else stated
-
-
-def sets_saturation(detector: Characteristics, metadata: Metadata) -> bool:
-    """Return whether the level at which a frame saturates is the one that the detector itself would set."""
-    return _same(metadata.value("saturation"), ceiling(detector, metadata)[1])
-
-
-def _same(a: float | None, b: float | None) -> bool:
-    return a is not None and b is not None and math.isclose(a, b, rel_tol=_SAME)
+    value, stated, nominal = getattr(detector, name), metadata.value(name), detector.nominal(name)
+    is_map = np.ndim(value) and nominal is not None and math.isclose(stated, nominal, rel_tol=SAME)
+    return value if is_map else stated

@@ -2,7 +2,8 @@
 
 Photons arrive by the flat and dark current joins them; all are counted (Poisson); cosmic rays hit; charge
 repels charge; the well clips; the read-out couples neighbours, is not linear, adds noise; the converter
-divides by the gain, adds the bias, rounds and clips.
+divides by the gain, adds the bias, rounds and clips.  :meth:`jitterkit.detectors.Detector.expose` does all of
+it.
 
 :func:`cosmic_rays` draws straight tracks of charge at a given rate.  Nothing here finds or removes them: a
 filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.outliers`
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics, piece
+from jitterkit.detectors.characteristics import piece
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.detectors.response import BORDER, broaden, couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -81,35 +82,7 @@ def _deposit(charge: np.ndarray, start: tuple[float, float], length: float, angl
 _NAME = "the expected image"
 
 
-def read_out(
-    detector: Characteristics,
-    expected: np.ndarray,
-    rng: np.random.Generator | None,
-    exposure: float | None,
-    origin: tuple[int, int],
-) -> np.ndarray:
-    """Read an expected image out; see :meth:`Detector.expose`."""
-    _refuse_without_exposure(detector, rng, exposure)
-    expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
-    return _digitised(
-        detector,
-        _amplified(detector, _collected(detector, expected, rng, exposure, origin), rng, origin),
-        origin,
-    )
-
-
-def _refuse_without_exposure(
-    detector: Characteristics, rng: np.random.Generator | None, exposure: float | None
-) -> None:
-    needs = {"dark_current": True, "cosmic_rays": rng is not None}
-    for name, needed in needs.items():
-        value = getattr(detector, name)
-        if exposure is None and needed and value is not None and np.any(value):
-            problem = f"{name} needs the exposure of the frame; give exposure, in s."
-            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
-
-
-def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
+def collected(detector, expected, rng, exposure, origin) -> np.ndarray:
     """Return what the wells hold, e-."""
     if detector.flat is not None:
         expected = expected * piece("flat", detector.flat, _NAME, origin, expected.shape)
@@ -132,7 +105,7 @@ def _collected(detector, expected, rng, exposure, origin) -> np.ndarray:
     return np.where(held < well, np.minimum(broaden(held, detector.brighter_fatter), well), well)
 
 
-def _amplified(detector, charge, rng, origin) -> np.ndarray:
+def amplified(detector, charge, rng, origin) -> np.ndarray:
     """Return what reaches the converter, e-."""
     if detector.coupling:
         charge = couple(charge, detector.coupling)
@@ -144,7 +117,7 @@ def _amplified(detector, charge, rng, origin) -> np.ndarray:
     return charge + rng.normal(0.0, noise, charge.shape) if np.any(noise) else charge
 
 
-def _digitised(detector, level, origin) -> np.ndarray:
+def digitised(detector, level, origin) -> np.ndarray:
     """Return what the file holds, ADU."""
     bias = 0.0 if detector.bias is None else piece("bias", detector.bias, _NAME, origin, level.shape)
     rounded = np.rint(bias + level / (detector.gain or ASSUMED["gain"]))

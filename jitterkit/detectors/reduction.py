@@ -1,25 +1,21 @@
 """From the numbers of a file to electrons, with what is to be thought of each pixel.
 
 The steps of :mod:`jitterkit.detectors.readout` backwards: bias, gain, non-linearity, coupling, dark
-current, flat; and beside the counts their noise, the level at which they end and who is masked why.
+current; and beside the counts their noise, the level at which they end and who is masked why.
+:meth:`jitterkit.detectors.Detector.calibrate` divides by the flat last.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics, piece
-from jitterkit.detectors.file_variance import (
-    GUESSED,
-    NORMALISED,
-    in_counts,
-    is_normalised,
-    with_read_variance,
-)
-from jitterkit.detectors.knowledge import ASSUMED, WELL_MARGIN, ceiling, inform, own, sets_saturation
+from jitterkit.detectors.file_variance import GUESSED
+from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own
 from jitterkit.detectors.response import (
     BORDER,
     beside,
@@ -29,7 +25,7 @@ from jitterkit.detectors.response import (
     narrow,
     slope,
 )
-from jitterkit.frames.frame import Frame, RawFrame
+from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
 _ROUNDING = 1e-12
@@ -42,7 +38,7 @@ Values = np.ndarray | float
 
 
 @dataclass(frozen=True)
-class _Counts:
+class Counts:
     """Counts before the flat, the variance that the scene does not make, and where they end."""
 
     electrons: np.ndarray
@@ -52,51 +48,15 @@ class _Counts:
     unknown: np.ndarray
 
 
-def reduce(detector: Characteristics, raw: RawFrame) -> Frame:
-    """Turn a frame as it was read into electrons; see :meth:`Detector.calibrate`."""
-    normalised, whole = is_normalised(raw), detector
-    raw = in_counts(raw)
-    metadata = inform(detector, raw.metadata)
-    raw = raw.with_metadata(replace(raw.metadata, bad_bits=metadata.bad_bits))
-    if raw.variance is not None:
-        raw = with_read_variance(raw, metadata)
-        metadata = inform(detector, raw.metadata)
-    detector = _believed(detector, raw, metadata)
-    beyond = detector is not whole
-    metadata = inform(detector, raw.metadata) if beyond else metadata
-    counts = (_of_adu if raw.unit == "adu" else _of_electrons)(detector, raw, metadata)
-    response = _piece(detector, "flat", raw) if raw.unit == "adu" else 1.0
-    bad = counts.unknown | np.asarray(_piece(detector, "flat", raw) <= 0)
-    if detector.bad_pixels is not None:
-        bad = bad | np.asarray(_piece(detector, "bad_pixels", raw), dtype=bool)
-    response = np.where(response > 0, response, 1.0) if np.ndim(response) else response
-    full = counts.full & ~raw.mask
-    return Frame(
-        electrons=counts.electrons / response,
-        read_variance=np.asarray(counts.variance),
-        mask=raw.mask | counts.full | bad,
-        exposure=metadata.value("exposure"),
-        plate_scale=metadata.value("plate_scale"),
-        metadata=metadata,
-        path=raw.path,
-        index=raw.index,
-        origin=raw.origin,
-        several=raw.several,
-        saturated=int(np.sum(full)),
-        flags=(*_flags(whole, raw, metadata, bool(np.any(full)), beyond), *[NORMALISED] * normalised),
-        response=response,
-        ceiling=counts.ceiling / response,
-        full=full & ~bad,
-    )
-
-
-def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
-    gain = metadata.value("gain")
-    bias = _own(detector, "bias", raw, metadata)
+def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Counts:
+    """Return the counts of a frame in ADU, by the detector's numbers and the frame's."""
+    gain, where = metadata.value("gain"), (raw.name, raw.origin, raw.shape)
+    bias = piece("bias", own(detector, "bias", metadata), *where)
     clips, well = _ends(detector, metadata)
     charge, steepness = _linear(detector, np.asarray((raw.data - bias) * gain))
     if raw.variance is None:
-        variance = (_own(detector, "read_noise", raw, metadata) ** 2 + gain**2 / 12) / steepness**2
+        noise = piece("read_noise", own(detector, "read_noise", metadata), *where)
+        variance = (noise**2 + gain**2 / 12) / steepness**2
     else:
         variance = raw.variance / np.square(steepness)
     clipped = raw.data >= clips
@@ -108,7 +68,8 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
     if detector.coupling:
         charge = decouple(charge, detector.coupling)
         variance = decoupled_variance(variance, detector.coupling)
-    current = 0.0 if detector.dark_current is None else _piece(detector, "dark_current", raw)
+    current = detector.dark_current
+    current = 0.0 if current is None else piece("dark_current", current, *where)
     dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
     if detector.brighter_fatter:
@@ -119,7 +80,7 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
     if detector.brighter_fatter:
         unknown |= beside(full) & ~full
         charge = narrow(np.minimum(charge, well), detector.brighter_fatter)
-    return _Counts(
+    return Counts(
         electrons=charge - dark,
         variance=variance + dark,
         ceiling=top - dark,
@@ -128,13 +89,14 @@ def _of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Co
     )
 
 
-def _of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> _Counts:
+def of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Counts:
     """Take electrons as they are: another program has calibrated them."""
     level = _in_electrons(detector, metadata)
     variance = raw.variance
     if variance is None:
-        variance = np.square(_own(detector, "read_noise", raw, metadata))
-    return _Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
+        noise = own(detector, "read_noise", metadata)
+        variance = np.square(piece("read_noise", noise, raw.name, raw.origin, raw.shape))
+    return Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
 
 
 def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
@@ -144,11 +106,11 @@ def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
     empty neighbour, so that it is looked for in the charge.
     """
     saturation = metadata.value("saturation", math.inf)
-    if detector.full_well is None or not sets_saturation(detector, metadata):
-        return saturation, math.inf
-    by_well = ceiling(detector, metadata)[0] == "full_well"
+    name, level = ceiling(detector, metadata)
+    if detector.full_well is None or not math.isclose(saturation, level, rel_tol=SAME):
+        return saturation, math.inf  # somebody else's level
     others = min(detector.largest, detector.saturation or math.inf)
-    return (others if by_well else saturation), detector.full_well
+    return (others if name == "full_well" else saturation), detector.full_well
 
 
 def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray, Values]:
@@ -159,43 +121,35 @@ def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray
     return charge, slope(charge, detector.nonlinearity, detector.full_well)
 
 
-def _own(detector: Characteristics, name: str, raw: RawFrame, metadata: Metadata) -> Values:
-    return piece(name, own(detector, name, metadata), raw.name, raw.origin, raw.shape)
-
-
-def _piece(detector: Characteristics, name: str, raw: RawFrame) -> Values:
-    values = getattr(detector, name)
-    return 1.0 if values is None else piece(name, values, raw.name, raw.origin, raw.shape)
-
-
-def _believed(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Characteristics:
-    """Return the detector, without the converter and the full well that readings far above them prove wrong.
+def disproved(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> dict[str, Any]:
+    """Return the converter's bits and the full well, by name, that readings far above them prove wrong.
 
     They come from another camera then, or the gain is wrong: a header of a frame in electrons may have one
     from after it was converted.
     """
     good = raw.data[~raw.mask]
     if detector.bits is None or not good.size:
-        return detector
+        return {}
     bias, gain, well = metadata.value("bias"), metadata.value("gain"), detector.full_well
     charge = float((good.max() - bias) * gain if raw.unit == "adu" else good.max())
     if charge <= _PROOF * (detector.largest - bias) * gain:
-        return detector
+        return {}
     holds = well is None or detector.nonlinearity is not None or charge <= _PROOF * well
-    return replace(detector, bits=None, full_well=well if holds else None)
+    return {"bits": None} if holds else {"bits": None, "full_well": None}
 
 
-def _flags(
+def flags(
     detector: Characteristics, raw: RawFrame, metadata: Metadata, saturated: bool, beyond: bool
 ) -> tuple[str, ...]:
+    """Return what a reader of the results should know of a frame; see :meth:`Detector.calibrate`."""
     converted = raw.unit == "adu"
     needed = ASSUMED if converted else ("read_noise",)
-    flags = [f"{name}_assumed" for name in needed if getattr(metadata, name).source.startswith(GUESSED)]
+    found = [f"{name}_assumed" for name in needed if getattr(metadata, name).source.startswith(GUESSED)]
     beyond = beyond or (converted and bool(np.any((raw.data > detector.largest) & ~raw.mask)))
     dark = detector.dark_current is not None and bool(np.any(detector.dark_current))
     undated = converted and dark and metadata.exposure is None
     conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}
-    return (*flags, *(word for word, holds in conditions.items() if holds))
+    return (*found, *(word for word, holds in conditions.items() if holds))
 
 
 def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:

@@ -6,6 +6,7 @@ that need more than one keyword are in :mod:`jitterkit.frames.header`.
 
 from __future__ import annotations
 
+import copy
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -87,13 +88,28 @@ class Cards:
         The number of its HDU.
     inherit : mapping, optional
         The primary header, which answers where the other is silent.
+
+    Attributes
+    ----------
+    names : dict of str to None
+        All keywords, each once, in the order of the headers.
+    warnings : list of str
     """
 
     def __init__(
         self, header: Mapping[str, Any], hdu: int = 0, inherit: Mapping[str, Any] | None = None
     ) -> None:
         self.layers = [(header, hdu), *([] if inherit is None else [(inherit, 0)])]
+        listed = (getattr(header, "names", header) for header, _ in self.layers)
+        self.names = dict.fromkeys(key for names in listed for key in names)
         self.warnings: list[str] = []
+
+    @cached_property
+    def aside(self) -> Cards:
+        """The same cards for numbers that are only compared and not used: nobody reads their warnings."""
+        other = copy.copy(self)
+        other.warnings = []
+        return other
 
     def find(self, key: str) -> tuple[Any, str, str] | None:
         """Return ``(value, comment, source)`` of a keyword, or None."""
@@ -103,11 +119,6 @@ class Cards:
                 comments = getattr(header, "comments", None)
                 return value, "" if comments is None else str(comments[key]), f"header {key} (HDU {hdu})"
         return None
-
-    def names(self) -> dict[str, None]:
-        """Return all keywords, each once, in the order of the headers."""
-        listed = (getattr(header, "names", header.keys)() for header, _ in self.layers)
-        return dict.fromkeys(key for names in listed for key in names)
 
     def text(self, key: str) -> str:
         """Return the value as text without outer blanks, empty where there is none."""
@@ -224,10 +235,7 @@ class Cards:
         if number is None:
             return None
         if name in _AGREEMENT and number.key not in self.dialect.keywords.get(name, ()):
-            before = len(self.warnings)
-            others = [self.believable(name, key) for key in self.keywords(name) if key != number.key]
-            del self.warnings[before:]  # of numbers that are not used
-            for other in filter(None, others):
+            for other in self.aside.believed(name):
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
                     found = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
                     self.warnings.append(

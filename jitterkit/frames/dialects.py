@@ -84,8 +84,7 @@ OBSERVATORIES = re.compile(
 )
 """Who means e-/ADU by GAIN, in the observatory, telescope, instrument or origin of a header."""
 
-#: Programs and makes of cameras in whose files GAIN is a camera setting.
-CAPTURE_SOFTWARE = (
+_CAPTURE_SOFTWARE = (
     "n.i.n.a", "nina", "nighttime imaging", "sharpcap", "asiair", "asi air", "zwo", "asistudio", "asiimg",
     "firecapture", "astro photography tool", "kstars", "ekos", "indi", "sequence generator", "sgpro", "phd2",
     "astrodmx", "voyager", "maxim", "theskyx", "ezcap", "toupsky", "siril", "astap", "indigo", "ain imager",
@@ -95,8 +94,5 @@ CAPTURE_SOFTWARE = (
 )  # fmt: skip
 SOFTWARE_KEYS = ("SWCREATE", "SOFTWARE", "CREATOR", "PROGRAM", "SWMODIFY", "APPLICAT", "ORIGIN", "INSTRUME")
 
-
-def is_capture_program(text: str) -> bool:
-    """Return whether a text names one of :data:`CAPTURE_SOFTWARE`, as a whole word: "India" is not INDI."""
-    names = "|".join(map(re.escape, CAPTURE_SOFTWARE))
-    return re.search(rf"(?<![a-z])({names})(?![a-z])", text.lower()) is not None
+CAPTURE_PROGRAM = re.compile(rf"(?<![a-z])({'|'.join(map(re.escape, _CAPTURE_SOFTWARE))})(?![a-z])", re.I)
+"""Programs and makes of cameras in whose files GAIN is a camera setting; "India" is not INDI."""

@@ -89,7 +89,7 @@ def _combined(cards: Cards) -> list[str]:
     planes = [card[0] for card in map(cards.find, ("NAXIS3", "ZNAXIS3")) if card is not None]
     of_other = ("NFRAMES",) if cards.dialect.name == "JWST" else ()  # frames of a group, averaged on board
     unsure = "exposure, gain, read noise and saturation may be those of one"
-    for key in (key for key in cards.names() if _COMBINED.fullmatch(key) and key not in of_other):
+    for key in (key for key in cards.names if _COMBINED.fullmatch(key) and key not in of_other):
         value, comment, _ = cards.find(key) or (None, "", "")
         number, _ = parse_number(value) or (2.0 * (value is True), "")  # T says that there are several
         if number > 1 and number not in planes and not _OF_OTHERS.search(comment):
@@ -110,7 +110,7 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
     if exposure is None:
         return []
     said = f"{exposure.source} = {exposure.value:g} s is used"
-    for key in cards.names():
+    for key in cards.names:
         longer = _TOTALS.fullmatch(key) is not None
         other = cards.quantity("exposure", key) if longer or _PARTS.fullmatch(key) else None
         ratio = other.value / exposure.value if other and other.positive and exposure.value else 1.0
@@ -137,15 +137,16 @@ _WRITTEN = 10.0
 
 _NOT_DENIED = r"^(?!(F|FALSE|NO|NONE|0|OMIT|PERFORM)$)."
 
-_WITHOUT_BIAS = {
-    "CALSTAT": _CODE % "B", "ZEROCOR": r"\d.*(IS|CORRECTION)|^T(RUE)?$", "OVERSCAN": r"\bIS \[",
-    "BIASCOR": r"^(T|TRUE|DONE)$|\.FIT", "SUBBIAS": _NOT_DENIED, "BIASCORR": r"^COMPLETE",
-    "SUBOSCAN": _NOT_DENIED,
+_APPLIED: Mapping[str, Mapping[str, str]] = {
+    "bias": {
+        "CALSTAT": _CODE % "B", "ZEROCOR": r"\d.*(IS|CORRECTION)|^T(RUE)?$", "OVERSCAN": r"\bIS \[",
+        "BIASCOR": r"^(T|TRUE|DONE)$|\.FIT", "SUBBIAS": _NOT_DENIED, "BIASCORR": r"^COMPLETE",
+        "SUBOSCAN": _NOT_DENIED,
+    },
+    "gain": dict.fromkeys(("GAINCOR", "GAINCORR"), _NOT_DENIED),
 }  # fmt: skip
-"""Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc."""
-
-_MULTIPLIED = dict.fromkeys(("GAINCOR", "GAINCORR"), _NOT_DENIED)
-"""Cards of pixels that were multiplied by the gain: ccdproc, which leaves BUNIT if its gain has no unit."""
+"""Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc; and of those that were
+multiplied by the gain: ccdproc, which leaves BUNIT if its gain has no unit."""
 
 _ONE_READ = re.compile(r"\b(per|single|each|one|of a) (\w+ )?(read|sample|cds)\b|/read\b", re.I)
 _READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLES")
@@ -154,11 +155,11 @@ _READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLE
 
 def _reduced(cards: Cards, known: Metadata) -> list[str]:
     """Warn of a bias, a gain or a read noise that is not, or no longer, that of these pixels."""
-    warnings, said = [], without_bias(cards)
+    warnings, said = [], reduced_by(cards, "bias")
     if said and known.value("bias"):
         found = f"the bias of {known.value('bias'):g} ADU is used"
         warnings.append(f"{found}, and {said} says that it was subtracted: if so, give --bias 0")
-    said = _first_said(cards, _MULTIPLIED)
+    said = reduced_by(cards, "gain")
     if said and known.value("unit", "adu") in ("adu", "adu/s"):
         found = f"{said} says that the gain was applied"
         warnings.append(f"the pixels are taken as ADU, and {found}: they may be electrons")
@@ -172,15 +173,10 @@ def _reduced(cards: Cards, known: Metadata) -> list[str]:
     return warnings
 
 
-def without_bias(cards: Cards) -> str:
-    """Return the card that says that the bias was subtracted, as words; empty if none does."""
-    return _first_said(cards, _WITHOUT_BIAS)
-
-
-def _first_said(cards: Cards, patterns: Mapping[str, str]) -> str:
-    """Return the first card that matches its pattern, as words; empty if none does."""
-    texts = {key: cards.text(key)[:40] for key in patterns}
-    found = (key for key, pattern in patterns.items() if re.search(pattern, texts[key].upper()))
+def reduced_by(cards: Cards, number: str) -> str:
+    """Return the card that says that the ``"bias"`` or the ``"gain"`` was applied, as words; else nothing."""
+    texts = {key: cards.text(key)[:40] for key in _APPLIED[number]}
+    found = (key for key, pattern in _APPLIED[number].items() if re.search(pattern, texts[key].upper()))
     return next((f"{key} = {texts[key]!r}" for key in found), "")
 
 
@@ -210,10 +206,10 @@ def _unread(cards: Cards, known: Metadata) -> list[str]:
     calibrated = known.value("unit") in ("electron", "electron/s")
     needless = ("gain", "saturation", "bias") if calibrated else ("bias",) if known.bias is not None else ()
     missing = [name for name in _ALIKE if not known.value(name) and name not in needless]
-    keys, warnings = cards.names() if missing else {}, []
+    warnings: list[str] = []
     for name in missing:
         read = {key for each in cards.keywords(name) for key in ((each,) if isinstance(each, str) else each)}
-        alike = (key for key in keys if key not in read and _ALIKE[name].fullmatch(key))
+        alike = (key for key in cards.names if key not in read and _ALIKE[name].fullmatch(key))
         key = next((key for key in alike if _is_stated(cards, key)), None)
         if key is not None:
             option = f"--{name.replace('_', '-')}"

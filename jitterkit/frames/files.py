@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import gzip
+import os
 import re
 import zlib
 from collections.abc import Iterable
@@ -98,7 +99,7 @@ def _expand(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     try:
-        files = sorted(p for p in path.iterdir() if _is_candidate(p))
+        files = sorted(filter(may_be_frames, path.iterdir()))
     except OSError as error:
         problem = f"cannot be listed ({error.strerror})"
         raise FrameError(damage_code(error, path), path, problem, "check its permissions") from error
@@ -110,9 +111,10 @@ def _expand(path: Path) -> list[Path]:
     return files
 
 
-def _is_candidate(path: Path) -> bool:
-    name = path.name.lower()
-    return name.endswith(EXTENSIONS) and not name.startswith(".") and path.is_file()
+def may_be_frames(entry: Path | os.DirEntry[str]) -> bool:
+    """Return whether an entry of a directory is a file with one of :data:`EXTENSIONS`, and not hidden."""
+    name = entry.name.lower()
+    return name.endswith(EXTENSIONS) and not name.startswith(".") and entry.is_file()
 
 
 def sniff(path: Path) -> str:
@@ -129,8 +131,12 @@ def sniff(path: Path) -> str:
         If the file is missing, a directory, unreadable, empty, or something else; the message says
         what it is.
     """
+    if not path.exists():
+        raise FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the name")
+    if path.is_dir():
+        raise FrameError(ErrorCode.NOT_READABLE, path, "is a directory", "name a file in it")
     if not path.is_file():
-        raise _no_file(path)
+        raise FrameError(ErrorCode.NOT_READABLE, path, "is not a regular file", REMEDY)
     try:
         with open_bytes(path) as handle:
             start = handle.read(256)
@@ -176,14 +182,6 @@ def damage_code(error: Exception, path: Path) -> ErrorCode:
     if isinstance(error, EOFError) and _is_gzipped(path):
         return ErrorCode.TRUNCATED
     return ErrorCode.DAMAGED
-
-
-def _no_file(path: Path) -> FrameError:
-    if not path.exists():
-        return FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the name")
-    if path.is_dir():
-        return FrameError(ErrorCode.NOT_READABLE, path, "is a directory", "name a file in it")
-    return FrameError(ErrorCode.NOT_READABLE, path, "is not a regular file", REMEDY)
 
 
 def _is_gzipped(path: Path) -> bool:

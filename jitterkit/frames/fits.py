@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -50,13 +50,13 @@ class FitsFile(FrameFile):
 
     def __init__(self, path: Path, hdu: int | None) -> None:
         super().__init__(path)
-        self._handles: list[BinaryIO] = []
         self._images: dict[int, FitsImage] = {}
         with translated(path) as caught:
             try:
-                self._groups, self._hdus, broken = find_images(path, self._handle(path), hdu)
+                self._handle = self.enter_context(open_bytes(path))
+                self._groups, self._hdus, broken = find_images(path, self._handle, hdu)
                 for role, other in files_beside(path):
-                    beside, _ = read_hdus(other, self._handle(other), None)
+                    beside, _ = read_hdus(other, self.enter_context(open_bytes(other)), None)
                     for group in self._groups:
                         group.add_from(role, beside)
                 self._starts = [0, *itertools.accumulate(group.image.planes for group in self._groups)]
@@ -68,13 +68,9 @@ class FitsFile(FrameFile):
         self.hdu, self.shape, self.dtype = first.hdu.number, first.shape, first.dtype
         self.metadata = first.metadata = first.metadata.warn(*broken, *caught)
 
-    def _handle(self, path: Path) -> BinaryIO:
-        self._handles.append(open_bytes(path))
-        return self._handles[-1]
-
     def _image(self, number: int) -> FitsImage:
         if number not in self._images:
-            tables = partial(all_hdus, self._handles[0])
+            tables = partial(all_hdus, self._handle)
             self._images[number] = FitsImage(self._groups[number], self._hdus[0].header, tables)
         return self._images[number]
 
@@ -99,11 +95,6 @@ class FitsFile(FrameFile):
             return []
         uses = {number: use for group in self._groups for number, use in group.uses.items()}
         return [(hdu.title, hdu.what, "", uses.get(hdu.number, "not used")) for hdu in self._hdus]
-
-    def close(self) -> None:
-        """Close the file."""
-        for handle in self._handles:
-            handle.close()
 
 
 def is_plane(path: Path, hdu: int | None = None) -> bool:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.beside import MISSIONS, bad_bits, quality_of, usable
+from jitterkit.frames.beside import bad_bits, quality_of, usable
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.dialects import SOFTWARE_KEYS, is_capture_program
+from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
@@ -59,6 +59,7 @@ class FitsImage:
         self._pixels = open_pixels(self.hdu)
         self.dtype = self._pixels.dtype  # refuses a scaling that cannot be read
         self._parts = {role: open_pixels(part) for role, part in group.parts.items()}
+        self._noise = {role: part for role, part in group.parts.items() if role != "quality"}
         self._factor, self._unverified = 1.0, True
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
         self.metadata = self._resolved(primary, tables)
@@ -68,12 +69,13 @@ class FitsImage:
         alone = str(header.get("INHERIT", "")).strip().upper() in ("F", "FALSE")
         inherit = primary if number and not alone else None
         cards = Cards(header, number, inherit)
-        odd = [] if self.hdu.role else self._pixels.lossy_warnings() + self._pixels.blank_warnings()
+        odd = [] if self.hdu.role else self._pixels.warnings()
         _check_planes(self.hdu, cards, odd)
         self._outside, cut = (None, "") if self.hdu.role else outside_of_data(cards, self.shape)
         odd += [cut] * bool(cut)
         from_top = rows_from_the_top(cards)
-        if any(_text(cards, key) not in _NO_MOSAIC for key in _MOSAIC_KEYS):
+        said = (cards.find(key) or ("",) for key in _MOSAIC_KEYS)
+        if any(isinstance(one[0], str) and one[0].strip().upper() not in _NO_MOSAIC for one in said):
             odd.append("the header says that its pixels lie behind a colour mosaic")
         wcs, messages = celestial_wcs(header, tables)
         if wcs is not None and from_top:
@@ -95,27 +97,34 @@ class FitsImage:
 
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""
+        from jitterkit.frames.hidden import hidden_light  # 0.2 s
+
         data, blank = self._pixels.plane(index)
         self.metadata = self.metadata.warn(*scaled_up(data, self.metadata, self._pixels.scaling[0]))
         mask = np.zeros(self.shape, bool) if blank is None else blank
         mask = mask if self._outside is None else mask | self._outside
         data = data * self._factor if self._factor != 1.0 else data
-        quality, name = None, " + ".join(part.label for part in self.group.noise.values())
-        if "quality" in self._parts:
-            pixels = self._parts["quality"]
-            quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
-            quality[mask] = -1
-            bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
-            if bad > _MOST_BAD:
-                found = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
-                self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
+        quality = self._quality(index, mask) if "quality" in self._parts else None
+        name = " + ".join(part.label for part in self._noise.values())
         variance, unusable, warning = self._variance(index, name) if name else (None, None, "")
         mask = mask if unusable is None else mask | unusable
-        odd = [*[warning] * bool(warning), *self._hidden(data, mask, quality, variance)]
+        odd = [warning] * bool(warning)
+        hidden = hidden_light(data, mask, self.metadata, quality, variance)
+        if hidden is not None:
+            labels = " and ".join(part.label for part in self.group.parts.values())
+            odd.append(f"{hidden.sentence(labels or 'NaN')}: {hidden.remedy}")
         if self._unverified:
             used, self._unverified = [self._pixels, *self._parts.values()], False
             self.metadata = self.metadata.warn(*(text for one in used for text in one.checksum_warnings()))
-        metadata = self._of_plane(index).warn(*odd)
+        metadata, table = self.metadata, self.group.coordinates
+        if table is not None and (*self.hdu.layers, *range(index + 1))[index] > 0:
+            # its own WCS is not read, and that of the first plane is not its
+            scale = metadata.plate_scale
+            by_wcs = scale is not None and scale.source.startswith("header WCS")
+            metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
+            said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
+            metadata = metadata.warn(f"{said}: give --plate-scale")
+        metadata = metadata.warn(*odd)
         if metadata.row_order == -1:
             data, mask = data[::-1], mask[::-1]
             quality, variance = (None if a is None else a[::-1] for a in (quality, variance))
@@ -126,45 +135,25 @@ class FitsImage:
             hdu=self.hdu.number,
             variance=variance,
             variance_source=name,
-            weighted="weight" in self.group.noise,
+            weighted="weight" in self._noise,
             quality=quality,
         )
 
-    def _hidden(
-        self, data: np.ndarray, mask: np.ndarray, quality: np.ndarray | None, variance: np.ndarray | None
-    ) -> list[str]:
-        """Warn of a mask that hides a star, where no mission says that its bits are faults."""
-        from jitterkit.frames.hidden import hidden_light  # 0.2 s, and few files have masks
-
-        known = self.metadata.bad_bits
-        if known is not None and known.source.endswith(MISSIONS):
-            return []
-        bits, masked = int(self.metadata.value("bad_bits", 0)), mask
-        if quality is not None:
-            masked = masked | (quality & bits != 0)
-        if variance is not None:
-            masked = masked | ~(np.isfinite(variance) & (variance > 0))
-        found = hidden_light(data, masked, quality, bits)
-        if found is None:
-            return []
-        labels = " and ".join(part.label for part in self.group.parts.values())
-        return [f"{found.sentence(labels or 'NaN')}: {found.remedy}"]
-
-    def _of_plane(self, index: int) -> Metadata:
-        """Return the metadata of a plane: its own WCS is not read, and the first plane's is not its."""
-        table, metadata = self.group.coordinates, self.metadata
-        if table is None or (*self.hdu.layers, *range(index + 1))[index] == 0:
-            return metadata
-        scale = metadata.plate_scale
-        by_wcs = scale is not None and scale.source.startswith("header WCS")
-        metadata = replace(metadata, wcs=None, plate_scale=None if by_wcs else scale)
-        said = f"the WCS of each plane but the first, in the table of HDU {table.number}, is not read"
-        return metadata.warn(f"{said}: give --plate-scale")
+    def _quality(self, index: int, mask: np.ndarray) -> np.ndarray:
+        """Bits of the quality plane, -1 where a pixel is masked; warn where they mask most pixels."""
+        pixels = self._parts["quality"]
+        quality = quality_of(*pixels.plane(index), width=8 * pixels.dtype.itemsize)
+        quality[mask] = -1
+        bad = np.mean(quality & int(self.metadata.value("bad_bits")) != 0)
+        if bad > _MOST_BAD:
+            found = f"{self.group.parts['quality'].label} masks {bad:.0%} of the pixels"
+            self.metadata = self.metadata.warn(f"{found}: if 1 means good in it, give --bad-bits 0")
+        return quality
 
     def _variance(self, index: int, name: str) -> tuple[np.ndarray | None, np.ndarray | None, str]:
         """Variance of the stored numbers, pixels that have none where it is not used, and a warning."""
         total = np.zeros(self.shape)
-        for role in self.group.noise:
+        for role in self._noise:
             values, blank = self._parts[role].plane(index)
             values[values < 0] = np.nan  # BITPIX cannot say that a variance is unknown
             if role == "weight":
@@ -177,11 +166,6 @@ class FitsImage:
             return None, ~np.isfinite(total), f"{name} may be an exposure time: only its zeros are used"
         variance, warning = usable(total * self._factor**2, name)
         return variance, None, warning
-
-
-def _text(cards: Cards, key: str) -> str:
-    value = (cards.find(key) or ("",))[0]
-    return value.strip().upper() if isinstance(value, str) else ""
 
 
 def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
@@ -199,12 +183,13 @@ def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
             raise in_colour(hdu.path, side, f"CTYPE{axis} = {name!r}")
     if len(hdu.shape) < 3 or 3 not in (hdu.shape[0], hdu.shape[-1]):
         return
-    space, mosaic = _text(cards, "COLORSPC") or _text(cards, "COLORSPACE"), _text(cards, "BAYERPAT")
+    space = (cards.text("COLORSPC") or cards.text("COLORSPACE")).upper()
     if space in ("RGB", "SRGB"):
         raise in_colour(hdu.path, 3, f"COLORSPC = {space!r}")
-    if mosaic not in _NO_MOSAIC:
-        raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic!r}")
-    program = next(filter(is_capture_program, map(cards.text, SOFTWARE_KEYS)), None)
+    mosaic = (cards.find("BAYERPAT") or ("",))[0]
+    if isinstance(mosaic, str) and mosaic.strip().upper() not in _NO_MOSAIC:
+        raise in_colour(hdu.path, 3, f"BAYERPAT = {mosaic.strip().upper()!r}")
+    program = next(filter(CAPTURE_PROGRAM.search, map(cards.text, SOFTWARE_KEYS)), None)
     if hdu.planes == 3 and program is not None:
         odd.append(
             f"three planes by {program} are taken for three frames: if they are colours, give one alone"

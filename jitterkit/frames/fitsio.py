@@ -22,6 +22,9 @@ CARD = 80
 _REMARKS = ("COMMENT", "HISTORY")
 """Keywords of text, which may stand many times."""
 
+_READABLE = bytes(c if 32 <= c < 127 else ord(" " if c in b"\t\n\v\f\r" else "?") for c in range(256))
+"""For ``bytes.translate``: FITS allows no other bytes in a header, not even a tab."""
+
 _VALUELESS = re.compile(r".{8}= *(/.*)?")
 """A card that names a keyword and gives it no value, which FITS calls undefined."""
 
@@ -33,15 +36,15 @@ class PlainHeader(Mapping[str, Any]):
 
     Parameters
     ----------
-    cards : astropy.io.fits.Header
-        Parses each card when it is first asked for.
-    text : str
-        Its cards as they stand in the file, 80 characters each, without END.
+    cards : bytes
+        As they stand in the file, 80 bytes each, without END; astropy parses each when it is first asked for.
 
     Attributes
     ----------
     images : list of str
         The cards as they stand in the file.
+    names : list of str
+        The keywords, also of cards that cannot be read; no value is looked at.
     comments : dict of str to str
         Of the cards read so far.
     warnings : list of str
@@ -52,51 +55,44 @@ class PlainHeader(Mapping[str, Any]):
         have ``"no value"``.
     """
 
-    def __init__(self, cards: Any, text: str) -> None:
+    def __init__(self, cards: bytes) -> None:
+        text = cards.translate(_READABLE).decode()
         self.images = [text[at : at + CARD] for at in range(0, len(text), CARD)]
         self._cards: dict[str, list[Any]] = {}
-        for card in cards.cards:
+        for card in fits.Header.fromstring(text).cards:
             self._cards.setdefault(card.keyword, []).append(card)
+        self.names = list(self._cards)
         self._values: dict[str, Any] = {}
         self.comments: dict[str, str] = {}
-        self.warnings: list[str] = []
+        changed = text.encode() != cards
+        self.warnings = ["the header holds bytes that are no text; read as '?'"] * changed
         self.faults: dict[str, str] = {}
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._values:
-            self._values[key] = self._read(key, *self._cards[key])
+            card, *later = self._cards[key]
+            remark = key in _REMARKS
+            value = "\n".join(one.value for one in (card, *later)) if remark else _value(card)
+            self._values[key] = value
+            if value is None:
+                self.faults[key] = "cannot be read"
+                image = self.lines(re.compile(re.escape(key), re.I)) or key  # of a HIERARCH
+                self.warnings.append(f"the header card {image[:60].strip()!r} cannot be read")
+            elif type(value).__name__ == "Undefined":
+                self.faults[key] = "has no value"
+            elif not remark:
+                self.comments[key] = card.comment
+                if any(_value(other) != value for other in later):
+                    self.warnings.append(f"the header says {key} more than once; the first counts")
         if key in self.faults:
             raise KeyError(key)
         return self._values[key]
 
-    def _read(self, key: str, card: Any, *later: Any) -> Any:
-        if key in _REMARKS:
-            return "\n".join(one.value for one in (card, *later))
-        value = _value(card)
-        if value is None:
-            self.faults[key] = "cannot be read"
-            image = self.lines(re.compile(re.escape(key), re.I)) or key  # of a HIERARCH
-            self.warnings.append(f"the header card {image[:60].strip()!r} cannot be read")
-        elif type(value).__name__ == "Undefined":
-            self.faults[key] = "has no value"
-        else:
-            self.comments[key] = card.comment
-            if any(_value(other) != value for other in later):
-                self.warnings.append(f"the header says {key} more than once; the first counts")
-        return value
-
-    def __contains__(self, key: object) -> bool:
-        return self.get(key, self) is not self  # type: ignore[call-overload]
-
     def __iter__(self) -> Iterator[str]:
-        return iter([key for key in self._cards if key in self])
+        return iter([key for key in self.names if key in self])
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def names(self) -> list[str]:
-        """Return the keywords, also of cards that cannot be read; no value is looked at."""
-        return list(self._cards)
 
     def lines(self, keywords: re.Pattern[str]) -> str:
         """Return all cards with such keywords and a value as they stand, one behind the other."""
@@ -110,19 +106,6 @@ def _value(card: Any) -> Any:
         return card.value
     except Exception:  # VerifyError and others
         return None
-
-
-_READABLE = bytes(c if 32 <= c < 127 else ord(" " if c in b"\t\n\v\f\r" else "?") for c in range(256))
-"""For ``bytes.translate``: FITS allows no other bytes in a header, not even a tab."""
-
-
-def header_of(cards: bytes) -> PlainHeader:
-    """Return the header whose cards, of 80 bytes each, are given without END."""
-    text = cards.translate(_READABLE).decode()
-    header = PlainHeader(fits.Header.fromstring(text), text)
-    if text.encode() != cards:
-        header.warnings.append("the header holds bytes that are no text; read as '?'")
-    return header
 
 
 def all_hdus(handle: BinaryIO, **options: Any) -> fits.HDUList:

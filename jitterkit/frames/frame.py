@@ -21,7 +21,7 @@ from jitterkit.frames.beside import ALL_BITS, convertible, unit_of, variance_of
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.header import resolve, rows_from_the_top
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching, require_positive
+from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching
 from jitterkit.frames.sky import turned_over, usable_part
 
 NO_READING = 1e15
@@ -283,8 +283,11 @@ class Frame(Placed):
         if not (np.isfinite(self.response) & (np.asarray(self.response) > 0)).all():
             problem = "response has values that are not positive"
             raise JitterkitError(ErrorCode.OUT_OF_RANGE, f"{problem}; mask a dead pixel and give it 1.")
-        require_positive("exposure", self.exposure, "s", zero_allowed=True)
-        require_positive("plate_scale", self.plate_scale, "arcsec/pixel")
+        for name, unit in (("exposure", "s"), ("plate_scale", "arcsec/pixel")):
+            value = getattr(self, name)
+            if value is not None and not (0 < value < math.inf or (name == "exposure" and value == 0)):
+                problem = f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown."
+                raise JitterkitError(ErrorCode.OUT_OF_RANGE, problem)
 
     @property
     def variance(self) -> np.ndarray:

@@ -1,7 +1,7 @@
 """A file of frames, opened: what every format offers, and how its troubles become sentences.
 
-A format is one module with a class derived from :class:`FrameFile`; it implements ``_read`` and
-``close`` and sets the attributes.  The rest of the package sees only this.
+A format is one module with a class derived from :class:`FrameFile`; it implements ``_read``, opens its
+files by ``enter_context`` and sets the attributes.  The rest of the package sees only this.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ import logging
 import os
 import threading
 import warnings
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -30,10 +29,10 @@ _CATCHING = threading.RLock()
 _STUMBLES = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError)
 
 
-class FrameFile(ABC):
-    """The frames of one file, read one at a time when they are asked for.
+class FrameFile(Sequence[RawFrame], ExitStack):
+    """The frames of one file, a sequence of which each is read when it is asked for.
 
-    Use it as a context manager; ``len(file)``, ``file[i]`` and iteration give the frames.
+    It is a context manager that closes what it has opened; ``close()`` does so too, and may be called twice.
 
     Attributes
     ----------
@@ -54,6 +53,7 @@ class FrameFile(ABC):
     kind: str = ""
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self.path = path
         self.shape: tuple[int, int] = (0, 0)
         self.dtype = np.dtype(float)
@@ -61,20 +61,16 @@ class FrameFile(ABC):
         self.metadata = Metadata()
         self._count = 0
         with translated(path):
-            self._stamp = _stamp(path)
+            self._status = os.stat(path)
 
     @abstractmethod
     def _read(self, index: int) -> RawFrame:
         """Return what the file says of a frame; any exception is translated."""
 
-    @abstractmethod
-    def close(self) -> None:
-        """Give the file back; harmless when done twice."""
-
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, index: int) -> RawFrame:
+    def __getitem__(self, index: int) -> RawFrame:  # type: ignore[override]  # one at a time
         """Read one frame; negative indices count from the end.
 
         Raises
@@ -92,26 +88,14 @@ class FrameFile(ABC):
         number = range(self._count)[index]
         with translated(self.path) as caught:
             frame = self._read(number)
-            self._refuse_changed()
+            before, now = self._status, os.stat(self.path)
+            if any(getattr(now, of) != getattr(before, of) for of in ("st_size", "st_mtime_ns", "st_ino")):
+                how = f"from {before.st_size} to {now.st_size} bytes"
+                how = how if now.st_size != before.st_size else f"its {now.st_size} bytes are others"
+                problem = f"changed while it was being read ({how})"
+                raise FrameError(ErrorCode.CHANGED, self.path, problem, "read it again when it is finished")
         metadata = frame.metadata.warn(*caught)
         return frame.with_fields(metadata=metadata, path=self.path, index=number, several=self._count > 1)
-
-    def _refuse_changed(self) -> None:
-        before, now = self._stamp, _stamp(self.path)
-        if now != before:
-            same = now[0] == before[0]
-            how = f"its {now[0]} bytes are others" if same else f"from {before[0]} to {now[0]} bytes"
-            problem = f"changed while it was being read ({how})"
-            raise FrameError(ErrorCode.CHANGED, self.path, problem, "read it again when it is finished")
-
-    def __iter__(self) -> Iterator[RawFrame]:
-        return (self[index] for index in range(self._count))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def describe(self) -> list[tuple[str, str, str, str]]:
         """Return ``(name, value, unit, source)`` rows: the file first, then the metadata."""
@@ -194,11 +178,6 @@ def overheard(log: logging.Logger) -> Iterator[list[str]]:
         yield said
     finally:
         log.removeFilter(note)
-
-
-def _stamp(path: Path) -> tuple[int, int, int]:
-    status = os.stat(path)
-    return status.st_size, status.st_mtime_ns, status.st_ino
 
 
 def one_line(message: object) -> str:

@@ -82,9 +82,9 @@ _ASTROPY_UNCERTAINTY = {
 """UTYPE of what CCDData writes."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Hdu:
-    """One HDU as its header describes it.
+    """One HDU as its header describes it; making one refuses a structure that cannot be.
 
     Parameters
     ----------
@@ -101,6 +101,23 @@ class Hdu:
         Its role, where it is known otherwise than by its name.
     layers : tuple of int
         The only planes that count, from 0; all of them where it is empty.
+
+    Attributes
+    ----------
+    structure : dict of str to str
+        What the keywords that lay the file out say, as written without the comment.
+    packed : bool
+        Whether it is a table that holds a tile-compressed image.
+    span, next : int
+        Bytes of data it declares, without padding, and where the next HDU begins [bytes].
+    bitpix : int
+        Bits of a stored pixel, negative for floating point.
+    shape : tuple of int
+        Sides of the image, slowest axis first; of a table its own.
+    what : str
+        What it is, for a refusal.
+    is_image : bool
+        Whether it holds frames: two axes with pixels, and at most one more to stack them along.
     """
 
     path: Path
@@ -112,15 +129,35 @@ class Hdu:
     given: str = ""
     layers: tuple[int, ...] = ()
 
-    @cached_property
-    def structure(self) -> dict[str, str]:
-        """Return what the keywords that lay the file out say, as written without the comment."""
-        found: dict[str, str] = {}
+    def __post_init__(self) -> None:
+        self.structure: dict[str, str] = {}
         for match in filter(None, map(_STRUCTURE.match, self.header.images)):
             key, value = match[1], match[2].partition("/")[0].strip()
-            if found.setdefault(key, value) != value:
-                raise self.refusal(f"says {key} twice, {found[key][:30]!r} and {value[:30]!r}")
-        return found
+            if (first := self.structure.setdefault(key, value)) != value:
+                raise self.refusal(f"says {key} twice, {first[:30]!r} and {value[:30]!r}")
+        if self.number == 0 and self.structure.get("SIMPLE") != "T":
+            raise damaged(self.path, "has a damaged primary header (SIMPLE is not T)")
+        if not 0 <= self.whole("TFIELDS", 0) <= _MOST_AXES:
+            raise self.refusal(f"declares TFIELDS = {self.whole('TFIELDS')} columns")
+        extension = self.structure.get("XTENSION", "").strip(" '") if self.number else "IMAGE"
+        self.packed = self.structure.get("ZIMAGE") == "T" and extension == "BINTABLE"
+        groups = self.number == 0 and self.structure.get("GROUPS") == "T"
+        axes = self._axes("NAXIS")
+        count = math.prod(axes[:-1] if groups and axes and axes[-1] == 0 else axes) if axes else 0
+        elements = self.whole("PCOUNT", 0) + count
+        bits = {key: self.whole(key) for key in ("BITPIX", "ZBITPIX")[: 1 + self.packed]}
+        for key, value in bits.items():
+            if value not in (8, 16, 32, 64, -32, -64):
+                raise self.refusal(f"has {key} = {value}, which FITS does not know")
+        self.bitpix = bits["ZBITPIX" if self.packed else "BITPIX"]
+        self.span = abs(bits["BITPIX"]) // 8 * max(self.whole("GCOUNT", 1) * elements, 0)
+        self.next = self.data + -(-self.span // BLOCK) * BLOCK
+        self.shape = self._axes("ZNAXIS") if self.packed else axes
+        array = not groups and (self.packed or extension in ("IMAGE", "IUEIMAGE"))
+        self.what = f"an array of {product_of(self.shape)}" if self.shape else "empty"
+        self.what = self.what if array else "random groups" if groups else "a table"
+        stacked = sum(side > 1 for side in self.shape[:-2]) <= 1
+        self.is_image = array and len(self.shape) > 1 and math.prod(self.shape) > 0 and stacked
 
     def refusal(self, problem: str) -> FrameError:
         """Return the exception for a damaged file."""
@@ -137,65 +174,6 @@ class Hdu:
             raise self.refusal(f"has {key} = {words[:30]!r} where a whole number belongs")
         return int(words)
 
-    @cached_property
-    def packed(self) -> bool:
-        """Return whether it is a table that holds a tile-compressed image."""
-        return self.structure.get("ZIMAGE") == "T" and self._extension == "BINTABLE"
-
-    @cached_property
-    def _extension(self) -> str:
-        return self.structure.get("XTENSION", "").strip(" '") if self.number else "IMAGE"
-
-    @cached_property
-    def bitpix(self) -> int:
-        """Bits of a stored pixel, negative for floating point."""
-        return self._bits("ZBITPIX" if self.packed else "BITPIX")
-
-    @cached_property
-    def shape(self) -> tuple[int, ...]:
-        """Return the sides of the image, slowest axis first; of a table its own."""
-        return self._axes("ZNAXIS" if self.packed else "NAXIS")
-
-    @property
-    def planes(self) -> int:
-        """Number of planes of an image, of those that count."""
-        return len(self.layers) or math.prod(self.shape[:-2])
-
-    @cached_property
-    def is_image(self) -> bool:
-        """Return whether it holds frames: two axes with pixels, and at most one more to stack them along."""
-        if not self.what.startswith("an array") or len(self.shape) < 2:
-            return False
-        return math.prod(self.shape) > 0 and sum(n > 1 for n in self.shape[:-2]) <= 1
-
-    @cached_property
-    def what(self) -> str:
-        """Return what it is, for a refusal."""
-        if self.number == 0 and self.structure.get("GROUPS") == "T":
-            return "random groups"
-        if self._extension not in ("IMAGE", "IUEIMAGE") and not self.packed:
-            return "a table"
-        return f"an array of {product_of(self.shape)}" if self.shape else "empty"
-
-    @cached_property
-    def span(self) -> int:
-        """Bytes of data it declares, without padding."""
-        axes = self._axes("NAXIS")
-        count = math.prod(axes[:-1] if axes and axes[-1] == 0 and self.what == "random groups" else axes)
-        elements = self.whole("PCOUNT", 0) + (count if axes else 0)
-        return abs(self._bits("BITPIX")) // 8 * max(self.whole("GCOUNT", 1) * elements, 0)
-
-    @property
-    def next(self) -> int:
-        """Return where the next HDU begins [bytes]."""
-        return self.data + -(-self.span // BLOCK) * BLOCK
-
-    def _bits(self, key: str) -> int:
-        bits = self.whole(key)
-        if bits not in (8, 16, 32, 64, -32, -64):
-            raise self.refusal(f"has {key} = {bits}, which FITS does not know")
-        return bits
-
     def _axes(self, stem: str) -> tuple[int, ...]:
         count = self.whole(stem)
         if not 0 <= count <= _MOST_AXES:
@@ -205,13 +183,10 @@ class Hdu:
             raise self.refusal(f"declares {product_of(sides)} pixels")
         return sides
 
-    def check(self) -> None:
-        """Refuse a structure that cannot be."""
-        if self.number == 0 and self.structure.get("SIMPLE") != "T":
-            raise damaged(self.path, "has a damaged primary header (SIMPLE is not T)")
-        if not 0 <= self.whole("TFIELDS", 0) <= _MOST_AXES:
-            raise self.refusal(f"declares TFIELDS = {self.whole('TFIELDS')} columns")
-        _ = self.span, self.bitpix, self.is_image
+    @property
+    def planes(self) -> int:
+        """Number of planes of an image, of those that count."""
+        return len(self.layers) or math.prod(self.shape[:-2])
 
     @cached_property
     def name(self) -> str:
@@ -281,10 +256,8 @@ class Hdu:
         """``"ERR (HDU 2)"``."""
         name, where = self.name or self.given or "image", f"HDU {self.number}"
         if self.layers:
-            name, where = (
-                self.given or "image",
-                f"plane {', '.join(str(n + 1) for n in self.layers)} of {where}",
-            )
+            name = self.given or "image"
+            where = f"plane {', '.join(str(n + 1) for n in self.layers)} of {where}"
         elif self.given:
             where = f"{where} of {self.path.name}"
         return f"{name} ({where})"

@@ -8,6 +8,7 @@ the quality of a frame's pixels.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,7 @@ from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
-from jitterkit.frames.fitsio import CARD, header_of
+from jitterkit.frames.fitsio import CARD, PlainHeader
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
 from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_planes
 from jitterkit.frames.units import resolve_unit
@@ -57,11 +58,6 @@ class Group:
     coordinates: Hdu | None = None
     warnings: list[str] = field(default_factory=list)
 
-    @property
-    def noise(self) -> dict[str, Hdu]:
-        """The parts that give the variance."""
-        return {role: part for role, part in self.parts.items() if role != "quality"}
-
     def add(self, hdus: Sequence[Hdu]) -> None:
         """Take what fits from the image's own planes and from HDUs that may say something about it."""
         self.image, own, warnings = split_planes(self.image)
@@ -79,7 +75,7 @@ class Group:
     def add_from(self, role: str, others: Sequence[Hdu]) -> None:
         """Take the quality or the weight that another file has of this image, unless its own file has one."""
         found = [replace(o, given=role) for o in others if o.is_image and o.name == self.image.name]
-        has = "quality" in self.parts if role == "quality" else self.noise
+        has = [own for own in self.parts if (own == "quality") == (role == "quality")]
         if len(found) == 1 and not has and self._fits(found[0]):
             self.parts[role] = found[0]
 
@@ -176,17 +172,12 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
 
 def _is_other_chip(first: Hdu, other: Hdu) -> bool:
     alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
-    alike = alike and not _is_other_read(first, other)
+    reads = {one.words("SAMPNUM") for one in (first, other)} - {""}
+    alike = alike and len(reads) < 2
     chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
     lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (first, other))
     lettered = lettered and first.detector != other.detector  # SCI_A and SCI_B
     return bool(first.name and other.name) and (alike or chips or lettered)
-
-
-def _is_other_read(first: Hdu, other: Hdu) -> bool:
-    """Return whether two images are reads of one exposure (WFC3/IR): the file begins with the last."""
-    reads = [one.header.get("SAMPNUM") for one in (first, other)]
-    return None not in reads and reads[0] != reads[1]
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
@@ -195,18 +186,15 @@ def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu
     own = [one for one in named if one.detector == image.detector]
     others = {one.detector for one in science} - {image.detector}
     hdus = [one for one in hdus if one not in own and not (one in named and one.detector in others)]
-    return own + _by_order(image, chips, science, hdus)
-
-
-def _by_order(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:
-    reads = any(_is_other_read(image, one) for one in science)
+    read = image.words("SAMPNUM")  # of one exposure with several (WFC3/IR), the last of which comes first
+    reads = bool(read and {one.words("SAMPNUM") for one in science} - {read, ""})
     if len(chips) == 1 and image is science[0] and not reads:
-        return list(hdus)
+        return own + hdus
     if reads or (len(chips) > 1 and len({one.version for one in chips}) == len(chips)):
-        return [one for one in hdus if one.version == image.version]
+        return own + [one for one in hdus if one.version == image.version]
     after = [one.number for one in science if one.number > image.number]
-    end = min(after, default=hdus[-1].number + 1)
-    return [one for one in hdus if image.number < one.number < end]
+    end = min(after, default=math.inf)
+    return own + [one for one in hdus if image.number < one.number < end]
 
 
 _MOST_HEADER_BLOCKS, _MOST_BLOCKS = 1000, 20000
@@ -267,8 +255,7 @@ def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
             refuse = truncated if text is ErrorCode.TRUNCATED else damaged
             raise refuse(path, "has a FITS header without an END card")
         blocks -= read
-        hdu = Hdu(path, handle, number, start, start + read * BLOCK, header_of(text))
-        hdu.check()
+        hdu = Hdu(path, handle, number, start, start + read * BLOCK, PlainHeader(text))
         yield hdu
         start = hdu.next
         # nothing lies beyond, and to seek there through a gzip may take an hour
@@ -318,18 +305,15 @@ def find_images(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[
         remedy = "give a file with a two- or three-dimensional image"
     else:
         problem, remedy = f"has no HDU {wanted}", f"choose one from 0 to {last.number}"
-    if _ends_early(last, handle):
+    # a file may end within its last HDU, or within the header of a further one
+    end = last.data + last.span
+    short = not unpacks_believably(end, 0, path.stat().st_size)
+    if not short:
+        handle.seek(end - 1)
+        short = not handle.read(1)
+    if not short:
+        handle.seek(last.next)
+        short = _header(handle, _MOST_HEADER_BLOCKS, b"XTENSION")[0] is ErrorCode.TRUNCATED
+    if short:
         raise truncated(path, problem)
     raise FrameError(ErrorCode.NO_IMAGE, path, problem, remedy)
-
-
-def _ends_early(last: Hdu, handle: BinaryIO) -> bool:
-    """Return whether a file ends within its last HDU, or within the header of a further one."""
-    end = last.data + last.span
-    if not unpacks_believably(end, 0, last.path.stat().st_size):
-        return True
-    handle.seek(end - 1)
-    if not handle.read(1):
-        return True
-    handle.seek(last.next)
-    return _header(handle, _MOST_HEADER_BLOCKS, b"XTENSION")[0] is ErrorCode.TRUNCATED

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from jitterkit.frames.cards import Cards, Number
-from jitterkit.frames.dialects import ALIASES, OBSERVATORIES, SOFTWARE_KEYS, is_capture_program
-from jitterkit.frames.doubts import doubts, without_bias
+from jitterkit.frames.dialects import ALIASES, CAPTURE_PROGRAM, OBSERVATORIES, SOFTWARE_KEYS
+from jitterkit.frames.doubts import doubts, reduced_by
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
@@ -53,23 +53,16 @@ def resolve_gain(cards: Cards) -> Sourced | None:
         e-/ADU.
     """
     for card in cards.believed("gain"):
-        objection = _objection(cards, card)
-        if objection is None:
-            _agreeing_gain(cards, card)
-            return Sourced(card.value, "e-/ADU", card.source)
-        cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
+        if (objection := _objection(cards, card)) is not None:
+            cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
+            continue
+        for key in ("EGAIN", "EPERADU", "CVF"):  # always in e-/ADU
+            other = cards.aside.believable("gain", key)
+            if other is not None and abs(other.value / card.value - 1) > 0.1:
+                found = f"{key} = {other.value:g} contradicts it"
+                cards.warnings.append(f"{card.key} = {card.value:g} e-/ADU is used, and {found}")
+        return Sourced(card.value, "e-/ADU", card.source)
     return None
-
-
-def _agreeing_gain(cards: Cards, used: Number) -> None:
-    """Warn of another keyword that is always in e-/ADU and says another gain."""
-    before = len(cards.warnings)
-    others = [cards.believable("gain", key) for key in ("EGAIN", "EPERADU", "CVF")]
-    del cards.warnings[before:]  # of numbers that are not used
-    for other in filter(None, others):
-        if abs(other.value / used.value - 1) > 0.1:
-            found = f"{other.key} = {other.value:g} contradicts it"
-            cards.warnings.append(f"{used.key} = {used.value:g} e-/ADU is used, and {found}")
 
 
 def _objection(cards: Cards, card: Number) -> str | None:
@@ -89,7 +82,7 @@ def _objection(cards: Cards, card: Number) -> str | None:
         return None
     if cards.find("EGAIN") is not None:
         return "stands beside an EGAIN, so it is a camera setting"
-    software = next((s for s in map(cards.text, SOFTWARE_KEYS) if is_capture_program(s)), None)
+    software = next(filter(CAPTURE_PROGRAM.search, map(cards.text, SOFTWARE_KEYS)), None)
     if software is not None:
         return f"was written by {software}, so it is a camera setting"
     low, high = PLAUSIBLE_GAIN
@@ -155,6 +148,41 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
     """
     gain, stated = resolve_gain(cards), _unit(cards)
     unit = stated if unit is None else unit
+    bias, exposure, noise = _bias(cards, gain), cards.first("exposure"), None
+    for number in cards.believed("read_noise"):
+        if not number.value and not _NOISELESS.search(number.comment):
+            said = f"{number.key} = 0 is taken to be unknown and is ignored"
+            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
+        elif noise := _in(number, "electron", gain, None, cards):
+            break
+    saturation = _saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated)))
+    scale, va_factor = resolve_scale(cards, wcs), cards.first("va_factor")
+    line_time = cards.first("line_time")
+    rolling = next((key for key in _SHUTTERS if "rolling" in cards.text(key).lower()), None)
+    if line_time is None and rolling is not None:
+        cards.warnings.append(
+            f"{rolling} = {cards.text(rolling)!r} and no LINETIME says how long a row takes: a drift shifts "
+            "rows against each other; give line_time in the instrument file"
+        )
+    known = Metadata(
+        exposure=exposure,
+        gain=gain,
+        read_noise=noise,
+        saturation=saturation,
+        bias=bias,
+        plate_scale=scale,
+        va_factor=va_factor,
+        line_time=line_time,
+        time=resolve_time(cards),
+        unit=unit,
+        wcs=wcs,
+    )
+    found = doubts(cards, known)  # which may add to the cards' warnings too
+    return known.warn(*cards.warnings, *found)
+
+
+def _bias(cards: Cards, gain: Sourced | None) -> Sourced | None:
+    """Return the level of an unexposed pixel [ADU], zero where a card says that it was subtracted."""
     number = next(cards.believed("bias"), None)
     bias = None if number is None else _in(number, "adu", gain, None, cards)
     if number is not None and _SUBTRACTED.search(number.comment):
@@ -165,34 +193,9 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         cards.warnings.append(
             f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
         )
-    elif bias is None and (said := without_bias(cards)):
+    elif bias is None and (said := reduced_by(cards, "bias")):
         bias = Sourced(0.0, "ADU", f"header {said}, by which the bias was subtracted,")
-    noises = (_in(noise, "electron", gain, None, cards) for noise in _noises(cards))
-    known = Metadata(
-        exposure=cards.first("exposure"),
-        gain=gain,
-        read_noise=next(filter(None, noises), None),
-        saturation=_saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated))),
-        bias=bias,
-        plate_scale=resolve_scale(cards, wcs),
-        va_factor=cards.first("va_factor"),
-        line_time=_line_time(cards),
-        time=resolve_time(cards),
-        unit=unit,
-        wcs=wcs,
-    )
-    found = doubts(cards, known)
-    return known.warn(*cards.warnings, *found)
-
-
-def _noises(cards: Cards) -> Iterator[Number]:
-    """Yield the read noises of a header that are not zero, as programs write where it is unknown."""
-    for noise in cards.believed("read_noise"):
-        if noise.value or _NOISELESS.search(noise.comment):
-            yield noise
-        else:
-            said = f"{noise.key} = 0 is taken to be unknown and is ignored"
-            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
+    return bias
 
 
 def _in(
@@ -221,7 +224,10 @@ def _saturation(
     number = next(cards.believed("saturation"), None)
     if number is None:
         return None
-    _lower_limit(cards, number)
+    for other in cards.aside.believed("saturation"):
+        if other.counted == number.counted and other.value < 0.99 * number.value and other.key != "DATAMAX":
+            found = f"{other.key} = {other.value:g} is lower: if it is the limit, give --saturation"
+            cards.warnings.append(f"{number.key} = {number.value:g} is used, and {found}")
     if not number.counted and stated in COUNTS and unit.removesuffix("/s") != stated:
         number = replace(number, counted=stated)
     if unit not in ("adu", "electron") and not number.counted:
@@ -242,17 +248,6 @@ def _saturation(
         return None
     cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
-
-
-def _lower_limit(cards: Cards, used: Number) -> None:
-    """Warn of another keyword with a lower level, up to which alone pixels may be trusted."""
-    before = len(cards.warnings)
-    others = [cards.believable("saturation", key) for key in ALIASES["saturation"] if key != used.key]
-    del cards.warnings[before:]  # of numbers that are not used
-    for other in filter(None, others):
-        if other.counted == used.counted and other.value < 0.99 * used.value and other.key != "DATAMAX":
-            found = f"{other.key} = {other.value:g} is lower: if it is the limit, give --saturation"
-            cards.warnings.append(f"{used.key} = {used.value:g} is used, and {found}")
 
 
 def _largest(cards: Cards) -> float:
@@ -276,19 +271,6 @@ _SHUTTERS = (
     "ESO DET READ MODE", "ESO DET READ NAME",
 )  # fmt: skip
 """Keywords in which a rolling shutter is named."""
-
-
-def _line_time(cards: Cards) -> Sourced | None:
-    known = cards.first("line_time")
-    rolling = next((k for k in _SHUTTERS if "rolling" in cards.text(k).lower()), None)
-    if known is None and rolling is not None:
-        said = f"{rolling} = {cards.text(rolling)!r}"
-        cards.warnings.append(
-            f"{said} and no LINETIME says how long a row takes: a drift shifts rows against each other; "
-            "give line_time in the instrument file"
-        )
-    return known
-
 
 _UNITS = ("BUNITS", "UNITS", "UNIT", "DATAUNIT", "IMUNITS")
 """What programs write in place of ``BUNIT``."""

@@ -16,7 +16,7 @@ from scipy.stats import median_abs_deviation
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.beside import MISSIONS
 from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import PRECEDENCE
+from jitterkit.frames.metadata import PRECEDENCE, Metadata
 from jitterkit.vision import median_filter
 
 _SIGNIFICANT, _OF_PEAK = 10.0, 0.02
@@ -76,7 +76,11 @@ class HiddenLight:
 
 
 def hidden_light(
-    data: np.ndarray, masked: np.ndarray, quality: np.ndarray | None = None, bits: int = 0
+    data: np.ndarray,
+    mask: np.ndarray,
+    metadata: Metadata,
+    quality: np.ndarray | None,
+    variance: np.ndarray | None = None,
 ) -> HiddenLight | None:
     """Find out whether a mask hides a star.
 
@@ -84,16 +88,19 @@ def hidden_light(
     ----------
     data : (ny, nx) array
         Pixels in any unit; those that are not finite count as sky.
-    masked : (ny, nx) bool array
-    quality : (ny, nx) int array, optional
+    mask : (ny, nx) bool array
+    metadata : Metadata
+        Its ``bad_bits`` are those of ``quality`` that mask.
+    quality : (ny, nx) int array or None
         Bits of each pixel, -1 where they are not known.
-    bits : int
-        Those that mask.
+    variance : (ny, nx) array, optional
+        It masks where it is not finite and positive.
 
     Returns
     -------
     hidden : HiddenLight or None
-        None if less than half of the light is masked, or bright pixels are masked like others.
+        None if less than half of the light is masked, bright pixels are masked like others, or a mission
+        says that its bits are faults.
 
     Notes
     -----
@@ -101,7 +108,11 @@ def hidden_light(
     pixels and bad columns are not.  *Fails when* a star is so undersampled that this median removes it, and
     takes a mask of cosmic rays for one of stars where the tracks are wide and no star is as bright.
     """
-    if not masked.any():
+    known, bits = metadata.bad_bits, int(metadata.value("bad_bits", 0))
+    masked = mask if quality is None else mask | (quality & bits != 0)
+    if variance is not None:
+        masked = masked | ~(np.isfinite(variance) & (variance > 0))
+    if not masked.any() or (known is not None and known.source.endswith(MISSIONS)):
         return None
     finite = np.where(np.isfinite(data), data, np.nan)
     few = finite.ravel()[:: max(1, data.size // _SAMPLES)]
@@ -141,11 +152,9 @@ def with_a_star(raw: RawFrame) -> RawFrame:
         If bits of which the file does not say what they mean mask all bright pixels; its code is ``NO_STAR``.
     """
     known = raw.metadata.bad_bits
-    if raw.quality is None or known is None or known.source.endswith(MISSIONS):
+    if raw.quality is None or known is None or known.precedence < PRECEDENCE.index("header"):
         return raw
-    if known.precedence < PRECEDENCE.index("header"):
-        return raw
-    found = hidden_light(raw.data, raw.mask, raw.quality, known.value)
+    found = hidden_light(raw.data, raw.mask, raw.metadata, raw.quality)
     if found is None or found.bright < _ALL or not found.hiding:
         return raw
     label = known.source.partition(", convention")[0]

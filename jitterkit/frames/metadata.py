@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import Any
 
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -79,13 +78,8 @@ class Sourced:
     @property
     def precedence(self) -> int:
         """Return the index of the source in :data:`PRECEDENCE`, 0 the most authoritative."""
-        return _precedence(self.source)
-
-
-@lru_cache(maxsize=256)
-def _precedence(source: str) -> int:
-    matches = (n for n, words in enumerate(PRECEDENCE) if source.startswith(words))
-    return next(matches, PRECEDENCE.index("header"))
+        matches = (n for n, words in enumerate(PRECEDENCE) if self.source.startswith(words))
+        return next(matches, PRECEDENCE.index("header"))
 
 
 def checked(name: str, value: Any) -> Any:
@@ -188,20 +182,36 @@ class Metadata:
         ConfigurationError
             If a name is not a field or a value is not believable; the message names both.
         """
-        return self._with(_known(source, values))
+        unknown = sorted(set(values) - {*FIELDS, "wcs"})
+        if unknown:
+            allowed = ", ".join((*FIELDS, "wcs"))
+            problem = f"{unknown[0]!r} is not known about a frame"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; use one of {allowed}.")
+        given = {name: value for name, value in values.items() if value is not None}
+        for name, value in given.items():
+            if name != "wcs" and not isinstance(value, Sourced):
+                unit = QUANTITIES[name].unit if name in QUANTITIES else "UTC" if name == "time" else ""
+                given[name] = Sourced(checked(name, value), unit, source)
+        return replace(self, **given)
 
     def fill(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which the given values are used only where nothing was known."""
-        known = _known(source, values)
-        return self._with({k: v for k, v in known.items() if getattr(self, k) is None})
+        present = {name: getattr(self, name, None) for name in values}
+        kept = {name: known for name, known in present.items() if known is not None}
+        return replace(self.override(source, **values), **kept)
 
     def apply(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which each value is used unless a more authoritative source gives one.
 
         Of two sources of the same precedence the later one wins.  A ``wcs`` has no precedence and only fills.
         """
-        known = _known(source, values)
-        return self._with({k: v for k, v in known.items() if _yields(getattr(self, k), v)})
+        other, kept = self.override(source, **values), {}
+        for name in values:
+            known, new = getattr(self, name), getattr(other, name)
+            ranked = isinstance(known, Sourced) and isinstance(new, Sourced)
+            if known is not None and not (ranked and new.precedence <= known.precedence):
+                kept[name] = known
+        return replace(other, **kept)
 
     def warn(self, *messages: str) -> Metadata:
         """Return a copy with further warnings, each kept once, without the middle of one that is too long."""
@@ -219,9 +229,6 @@ class Metadata:
         return (
             f"Warnings of its file: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
         )
-
-    def _with(self, changes: Mapping[str, Any]) -> Metadata:
-        return replace(self, **changes) if changes else self
 
     def reordered(self, order: int) -> Metadata:
         """Return a copy for an image whose rows are no longer in the file's order.
@@ -249,37 +256,14 @@ class Metadata:
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Return ``(name, value, unit, source)`` for every field, as text, for a table."""
-        rows = [_row(name, getattr(self, name)) for name in FIELDS]
+        rows = []
+        for name in FIELDS:
+            known, unit = getattr(self, name), QUANTITIES[name].unit if name in QUANTITIES else ""
+            value = "unknown" if known is None else known.value
+            text = f"{value:g}" if isinstance(value, float) else str(value)
+            rows.append((name, text, unit, "") if known is None else (name, text, known.unit, known.source))
         axes = "" if self.wcs is None else " ".join(self.wcs.wcs.ctype)
         return [*rows, ("wcs", axes or "unknown", "", "header" if axes else "")]
 
 
 FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings", "row_order"))
-
-
-def _row(name: str, known: Sourced | None) -> tuple[str, str, str, str]:
-    if known is None:
-        return (name, "unknown", QUANTITIES[name].unit if name in QUANTITIES else "", "")
-    text = f"{known.value:g}" if isinstance(known.value, float) else str(known.value)
-    return (name, text, known.unit, known.source)
-
-
-def _known(source: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    unknown = sorted(set(values) - {*FIELDS, "wcs"})
-    if unknown:
-        allowed = ", ".join((*FIELDS, "wcs"))
-        problem = f"{unknown[0]!r} is not known about a frame"
-        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; use one of {allowed}.")
-    return {k: _as_sourced(k, v, source) for k, v in values.items() if v is not None}
-
-
-def _as_sourced(name: str, value: Any, source: str) -> Any:
-    if name == "wcs" or isinstance(value, Sourced):
-        return value
-    unit = QUANTITIES[name].unit if name in QUANTITIES else ("UTC" if name == "time" else "")
-    return Sourced(checked(name, value), unit, source)
-
-
-def _yields(present: Any, new: Any) -> bool:
-    ranked = isinstance(present, Sourced) and isinstance(new, Sourced)
-    return present is None or (ranked and new.precedence <= present.precedence)

@@ -67,19 +67,6 @@ class Pixels:
         limits = np.iinfo(_DTYPES[self.hdu.bitpix])
         return math.isfinite(value) and float(value).is_integer() and limits.min <= value <= limits.max
 
-    def blank_warnings(self) -> list[str]:
-        """Warn of a BLANK that is not as FITS defines it: a stored number of an image of integers."""
-        value = self.hdu.header.get("BLANK")
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            return []
-        if self.hdu.bitpix < 0:
-            return [f"BLANK = {value:g} means nothing among floats: pixels of that value count"]
-        if self._is_stored(value):
-            return []
-        blank = self.scaling[2]
-        read = "is ignored" if blank is None else f"is read as {value:g} after BSCALE and BZERO"
-        return [f"BLANK = {value:g} is none of the numbers that {self.hdu.bitpix} bits hold and {read}"]
-
     def _number(self, key: str, default: Any) -> Any:
         """A number on which every pixel depends: not to be passed over where it cannot be read."""
         value = self.hdu.header.get(key, default)
@@ -101,13 +88,13 @@ class Pixels:
             return np.dtype(f"u{bitpix // 8}")
         return np.dtype("i1") if (bitpix, scale, zero) == (8, 1, -128) else np.dtype(_DTYPES[bitpix])
 
-    def plane(self, index: int) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return one plane and where it is blank, None where no pixel can be.
+    def plane(self, index: int | None) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return one plane, or all of them, and where they are blank, None where no pixel can be.
 
         Parameters
         ----------
-        index : int
-            Among the planes of the HDU that count; a single one goes with all.
+        index : int or None
+            Among the planes of the HDU that count; a single one goes with all.  None for the whole image.
 
         Returns
         -------
@@ -120,32 +107,22 @@ class Pixels:
         FrameError
             If the file ends before the plane does.
         """
-        *planes, ny, nx = self.hdu.shape
-        index = index if self.hdu.planes > 1 else 0
-        index = self.hdu.layers[index] if self.hdu.layers else index
-        if self.packed is None:
-            return self._scaled(self._numbers(index * ny * nx, (ny, nx)))
-        where = map(int, np.unravel_index(index, planes)) if planes else ()
-        return self._scaled(np.asarray(self.packed.section[(*where, slice(None), slice(None))]))
-
-    def everything(self) -> np.ndarray:
-        """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
-        stored = self._numbers(0, self.hdu.shape) if self.packed is None else self.packed.section[...]
-        values, blank = self._scaled(np.asarray(stored))
-        if blank is not None:
-            values[blank] = np.nan
-        return values
-
-    def _numbers(self, first: int, shape: tuple[int, ...]) -> np.ndarray:
-        dtype = np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
-        self.hdu.handle.seek(self.hdu.data + first * dtype.itemsize)
-        length = math.prod(shape) * dtype.itemsize
-        content = self.hdu.handle.read(length)
-        if len(content) < length:
-            raise truncated(self.hdu.path, f"ends {length - len(content)} bytes before its pixels do")
-        return np.frombuffer(content, dtype).reshape(shape)
-
-    def _scaled(self, stored: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        where: tuple[int, ...] = ()
+        if index is not None and len(self.hdu.shape) > 2:
+            index = index if self.hdu.planes > 1 else 0
+            index = self.hdu.layers[index] if self.hdu.layers else index
+            where = tuple(map(int, np.unravel_index(index, self.hdu.shape[:-2])))
+        shape, dtype = self.hdu.shape[len(where) :], np.dtype(_DTYPES[self.hdu.bitpix]).newbyteorder(">")
+        if self.packed is not None:
+            stored = np.asarray(self.packed.section[(*where, *[slice(None)] * len(shape))])
+        else:
+            length = math.prod(shape) * dtype.itemsize
+            first = int(np.ravel_multi_index(where, self.hdu.shape[: len(where)])) if where else 0
+            self.hdu.handle.seek(self.hdu.data + first * length)
+            content = self.hdu.handle.read(length)
+            if len(content) < length:
+                raise truncated(self.hdu.path, f"ends {length - len(content)} bytes before its pixels do")
+            stored = np.frombuffer(content, dtype).reshape(shape)
         scale, zero, blank = self.scaling
         if stored.dtype.kind == "i" and stored.dtype.itemsize == 8 and (scale, zero) == (1.0, 2.0**63):
             # unsigned: a sum of floats would lose ten bits
@@ -159,9 +136,16 @@ class Pixels:
             values += zero
         if blank is None:
             return values, None
-        where = stored == blank
-        values[where] = 0.0
-        return values, where
+        empty = stored == blank
+        values[empty] = 0.0
+        return values, empty
+
+    def everything(self) -> np.ndarray:
+        """Return all pixels in the shape of the image, as float64; blank ones are NaN."""
+        values, blank = self.plane(None)
+        if blank is not None:
+            values[blank] = np.nan
+        return values
 
     def checksum_warnings(self) -> list[str]:
         """Compare the HDU with the checksums in its header, and read a gzip to the CRC at its end.
@@ -191,18 +175,29 @@ class Pixels:
             pass
         return found
 
-    def lossy_warnings(self) -> list[str]:
-        """Warn of a compression that changed the pixels; only the table behind the image says so."""
-        header, method = self.hdu.header, self.hdu.words("ZQUANTIZ") or "NO_DITHER"
-        if self.packed is None:
-            return []
-        if self.hdu.bitpix < 0 and "ZSCALE" in self.hdu.columns and method != "NONE":
-            return [f"the compression quantised the pixels (ZQUANTIZ = {method}): it is lossy"]
-        options = {self.hdu.words(f"ZNAME{n}"): header.get(f"ZVAL{n}") for n in range(1, 10)}
-        scale = options.get("SCALE") if self.hdu.words("ZCMPTYPE").startswith("HCOMPRESS") else None
-        if isinstance(scale, int | float) and scale > 0:
-            return [f"the compression (HCOMPRESS, scale {scale:g}) is lossy"]
-        return []
+    def warnings(self) -> list[str]:
+        """Warn of a compression that changed the pixels, and of a BLANK that is not as FITS defines it.
+
+        Only the table behind a compressed image says the first; BLANK is a stored number of integers.
+        """
+        hdu, found, value = self.hdu, [], self.hdu.header.get("BLANK")
+        if self.packed is not None:
+            method = hdu.words("ZQUANTIZ") or "NO_DITHER"
+            options = {hdu.words(f"ZNAME{n}"): hdu.header.get(f"ZVAL{n}") for n in range(1, 10)}
+            scale = options.get("SCALE") if hdu.words("ZCMPTYPE").startswith("HCOMPRESS") else None
+            if hdu.bitpix < 0 and "ZSCALE" in hdu.columns and method != "NONE":
+                found.append(f"the compression quantised the pixels (ZQUANTIZ = {method}): it is lossy")
+            elif isinstance(scale, int | float) and scale > 0:
+                found.append(f"the compression (HCOMPRESS, scale {scale:g}) is lossy")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return found
+        if hdu.bitpix < 0:
+            found.append(f"BLANK = {value:g} means nothing among floats: pixels of that value count")
+        elif not self._is_stored(value):
+            read = f"is read as {value:g} after BSCALE and BZERO"
+            read = "is ignored" if self.scaling[2] is None else read
+            found.append(f"BLANK = {value:g} is none of the numbers that {hdu.bitpix} bits hold and {read}")
+        return found
 
 
 def _sum(handle: BinaryIO, start: int, length: int) -> int:
@@ -231,7 +226,22 @@ def open_pixels(hdu: Hdu) -> Pixels:
     :func:`~jitterkit.frames.files.unpacks_believably`; then reading it fails.
     """
     nx, ny = (*hdu.shape[::-1], 1)[:2]
-    _refuse_missing_data(hdu, nx * ny)
+    size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
+    declared, planes = abs(hdu.bitpix) // 8 * math.prod(hdu.shape), math.prod(hdu.shape[:-2])
+    held = hdu.data + (hdu.span if hdu.packed else declared) <= size
+    short = not held
+    if hdu.packed or zipped:  # of what is packed a frame still takes a byte
+        short = not unpacks_believably(declared, nx * ny, size) or planes > size
+    if hdu.packed:
+        short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
+    elif zipped and not short and planes > 1:  # a single plane is read at once, or found missing then
+        hdu.handle.seek(hdu.data + declared - 1)
+        short = not hdu.handle.read(1)
+    if short:
+        amount = declared if declared < 10**18 else "more than 10^18"
+        problem = f"declares {amount} bytes of pixels and the file of {size} bytes lacks them"
+        # a complete table may be too short for the pixels that it declares
+        raise (damaged if held and not zipped else truncated)(hdu.path, f"HDU {hdu.number} {problem}")
     refuse_giant(hdu.path, f"HDU {hdu.number}", nx, ny)
     if not hdu.packed:
         return Pixels(hdu)
@@ -240,28 +250,6 @@ def open_pixels(hdu: Hdu) -> Pixels:
         problem = f"HDU {hdu.number} uses {method[:40]!r} compression, which is not read"
         raise FrameError(ErrorCode.UNSUPPORTED_ENCODING, hdu.path, problem, "save the image uncompressed")
     return Pixels(hdu, packed_image(hdu.handle, hdu.number, blank="BLANK" in hdu.header))
-
-
-def _refuse_missing_data(hdu: Hdu, pixels: int) -> None:
-    size, zipped = hdu.path.stat().st_size, isinstance(hdu.handle, gzip.GzipFile)
-    declared, planes = abs(hdu.bitpix) // 8 * math.prod(hdu.shape), math.prod(hdu.shape[:-2])
-    held = hdu.data + (hdu.span if hdu.packed else declared) <= size
-    if hdu.packed or zipped:  # of what is packed a frame still takes a byte
-        short = not unpacks_believably(declared, pixels, size) or planes > size
-    else:
-        short = not held
-    if hdu.packed:
-        short = short or _tiles(hdu) > hdu.whole("NAXIS2") or not (held or zipped)
-    elif zipped and not short and planes > 1:  # a single plane is read at once, or found missing then
-        hdu.handle.seek(hdu.data + declared - 1)
-        short = not hdu.handle.read(1)
-    if short:
-        amount = declared if declared < 10**18 else "more than 10^18"
-        problem = (
-            f"HDU {hdu.number} declares {amount} bytes of pixels and the file of {size} bytes lacks them"
-        )
-        # a complete table may be too short for the pixels that it declares
-        raise (damaged if held and not zipped else truncated)(hdu.path, problem)
 
 
 def _tiles(hdu: Hdu) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Self
@@ -64,7 +63,7 @@ class Placed:
                 f"of {width} x {height} pixels; choose one that does.",
             )
         cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
-        arrays = {name: array[cut].copy() for name, array in self._arrays().items()}
+        arrays = {k: array[cut].copy() for k, array in vars(self).items() if isinstance(array, np.ndarray)}
         origin = (self.origin[0] + x0, self.origin[1] + y0)
         return replace(self, **arrays, origin=origin)  # type: ignore[type-var]
 
@@ -81,17 +80,14 @@ class Placed:
         TypeError
             If one is no field, or holds pixels.
         """
-        pixels = self._arrays()
-        known = {one.name for one in fields(self)} - pixels.keys()  # type: ignore[arg-type]
+        pixels = {name for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        known = {one.name for one in fields(self)} - pixels  # type: ignore[arg-type]
         if odd := sorted(facts.keys() - known):
             kind = type(self).__name__
             raise TypeError(f"{odd[0]!r} is not a field that can be replaced in a {kind}.")
         other = object.__new__(type(self))
         vars(other).update(vars(self), **facts)
         return other
-
-    def _arrays(self) -> dict[str, np.ndarray]:
-        return {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
 
 
 def image_of(name: str, values: Any) -> np.ndarray:
@@ -111,12 +107,3 @@ def matching(name: str, values: Any, shape: tuple[int, ...], dtype: type) -> np.
         problem = f"{name} has shape {array.shape}, the image {shape}; give one value per pixel."
         raise JitterkitError(ErrorCode.WRONG_SHAPE, problem)
     return array
-
-
-def require_positive(name: str, value: float | None, unit: str, zero_allowed: bool = False) -> None:
-    """Raise JitterkitError for a number that is not positive and finite; None is unknown, and passes."""
-    if value is None:
-        return
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
-        problem = f"{name} = {value!r} {unit} is not positive; leave it None where it is unknown."
-        raise JitterkitError(ErrorCode.OUT_OF_RANGE, problem)

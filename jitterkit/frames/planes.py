@@ -92,18 +92,20 @@ def split_planes(image: Hdu) -> tuple[Hdu, list[Hdu], list[str]]:
     """
     if not 2 <= image.planes <= _MOST_LABELS:
         return image, [], []
-    kind, coordinates = _axis(image)
-    warnings = []
+    axis = next(n for n, side in enumerate(image.shape[::-1], 1) if n > 2 and side > 1)
+    kind, warnings = image.words(f"CTYPE{axis}").upper(), []
     if _SPECTRAL.match(kind):
         warnings.append(f"the planes differ in wavelength ({kind!r}): the instrument's holds for all of them")
-    found = next(_labellings(image), None)
+    labels, roles = [], []
     if kind in _INTENSITIES:
-        light = _INTENSITIES[kind]
-        roles = [_IMAGE if round(value) in light else _OTHER for value in coordinates]
-        found = [f"{kind} {value:g}" for value in coordinates], roles
-    if found is None:
+        coordinates = _coordinates(image, axis)
+        labels = [f"{kind} {value:g}" for value in coordinates]
+        roles = [_IMAGE if round(value) in _INTENSITIES[kind] else _OTHER for value in coordinates]
+    for labels in _candidates(image) if not roles else ():
+        if roles := roles_of_labels(labels):
+            break
+    if not roles:
         return image, [], warnings
-    labels, roles = found
     layers = [n for n, role in enumerate(roles) if role == _IMAGE]
     layers = layers or [n for n, role in enumerate(roles) if role == ""]
     if not layers:
@@ -157,14 +159,8 @@ def roles_of_labels(labels: Sequence[str]) -> list[str]:
     return roles if len(set(roles)) > 1 and set(roles) - {_IMAGE, ""} else []
 
 
-def _labellings(image: Hdu) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield labels of all planes with their roles, where they differ."""
-    for labels in _candidates(image):
-        if roles := roles_of_labels(labels):
-            yield labels, roles
-
-
 def _candidates(image: Hdu) -> Iterator[list[str]]:
+    """Yield what may be labels of all planes."""
     header, count = image.header, image.planes
     for cards in (cards for key, cards in _numbered(image).items() if _OF_PLANES.match(key)):
         yield [value if isinstance(value, str) else comment for value, comment in cards]
@@ -223,31 +219,23 @@ def numbers_of_planes(image: Hdu, others: Sequence[Hdu]) -> list[str]:
         f"{name} of each plane, in {where}, is not read: all have the header's"
         for name, where in found.items()
     ]
-    letters = [letter for letter in string.ascii_uppercase if _is_another_scale(image, letter)]
+    letters = []
+    for letter in string.ascii_uppercase:  # of further WCS
+        celestial = re.match(r"(RA|DEC|[GE]L(ON|AT))-", image.words(f"CTYPE1{letter}"))
+        pairs = ((image.header.get(key), image.header.get(key + letter)) for key in SCALE_KEYS)
+        if celestial and any(other not in (None, own) for own, other in pairs):
+            letters.append(letter)
     return said + [
         f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
     ] * bool(letters)
 
 
-def _is_another_scale(image: Hdu, letter: str) -> bool:
-    """Return whether an alternate WCS is celestial and has another scale than the first."""
-    pairs = ((image.header.get(key), image.header.get(key + letter)) for key in SCALE_KEYS)
-    celestial = re.match(r"(RA|DEC|[GE]L(ON|AT))-", image.words(f"CTYPE1{letter}"))
-    return bool(celestial) and any(other not in (None, own) for own, other in pairs)
-
-
-def _axis(image: Hdu) -> tuple[str, list[float]]:
-    """Return the type of the axis along which planes are stacked, and the coordinate of each."""
-    sides = image.shape[::-1]
-    axis = next(n for n, side in enumerate(sides, 1) if n > 2 and side > 1)
-    step = _number(image, f"CDELT{axis}", f"CD{axis}_{axis}")
-    value, pixel = _number(image, f"CRVAL{axis}"), _number(image, f"CRPIX{axis}")
-    kind = image.words(f"CTYPE{axis}").upper()
-    return kind, [value + (n + 1 - pixel) * step for n in range(image.planes)]
-
-
-def _number(image: Hdu, *keys: str) -> float:
-    """The first of some cards that is a number, 1 as FITS says where none is."""
-    values = (image.header.get(key) for key in keys)
-    numbers = (v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
-    return next((float(one) for one in numbers if math.isfinite(one)), 1.0)
+def _coordinates(image: Hdu, axis: int) -> list[float]:
+    """Return the coordinate of each plane along an axis; a number that is none is 1, as FITS says."""
+    found = []
+    for keys in ([f"CDELT{axis}", f"CD{axis}_{axis}"], [f"CRVAL{axis}"], [f"CRPIX{axis}"]):
+        values = [value for value in map(image.header.get, keys) if isinstance(value, int | float)]
+        numbers = (value for value in values if not isinstance(value, bool) and math.isfinite(value))
+        found.append(float(next(numbers, 1.0)))
+    step, value, pixel = found
+    return [value + (n + 1 - pixel) * step for n in range(image.planes)]

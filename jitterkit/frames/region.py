@@ -70,8 +70,8 @@ def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
     light = _light(raw, noise, step, TILE * max(ny, nx) // step)
     x, y = _brightest(light, (ny, nx), step, noise, raw.path or Path(raw.name))
     x, y = _centred(light, x, y, (ny / step, nx / step))
-    x0 = _clamped((x + 0.5) * step - nx / 2, raw.shape[1] - nx)
-    y0 = _clamped((y + 0.5) * step - ny / 2, raw.shape[0] - ny)
+    x0 = min(max(round((x + 0.5) * step - nx / 2), 0), raw.shape[1] - nx)
+    y0 = min(max(round((y + 0.5) * step - ny / 2), 0), raw.shape[0] - ny)
     return raw.region(x0, y0, nx, ny)
 
 
@@ -122,9 +122,12 @@ def _brightest(
 ) -> tuple[float, float]:
     """Return the bin ``(x, y)`` whose surroundings of half a region are brightest."""
     box = max(1, min(shape) // 2 // step)
-    means = _inside(box_mean(light, box), box)
+    means, before, after = box_mean(light, box), box // 2, (box - 1) // 2
+    # the mirrored boxes at the border of the frame average fewer pixels
+    means = means[before : means.shape[0] - after, before : means.shape[1] - after]
     y, x = np.unravel_index(int(np.argmax(means)), means.shape)
-    sigma = max(noise / (box * step), _box_noise(means, box))
+    boxes = means[::box, ::box]  # their own noise, where there are enough for that
+    sigma = max(noise / (box * step), _spread(boxes) if boxes.size >= 50 else 0.0)
     threshold = sigma * -ndtri(FALSE_ALARM / means.size)
     if not means[y, x] > threshold:
         problem = (
@@ -134,19 +137,6 @@ def _brightest(
         remedy = "check that the frame holds a star, or name the region"
         raise FrameError(ErrorCode.NO_STAR, path, problem, remedy)
     return x + (box - 1) / 2, y + (box - 1) / 2
-
-
-def _inside(means: np.ndarray, box: int) -> np.ndarray:
-    """Keep the boxes that lie in the frame: the mirrored ones at its border average fewer pixels."""
-    before, after = box // 2, (box - 1) // 2
-    ny, nx = means.shape
-    return means[before : ny - after, before : nx - after]
-
-
-def _box_noise(means: np.ndarray, box: int) -> float:
-    """Measure the noise of a box mean on the boxes themselves, where there are enough for that."""
-    boxes = means[::box, ::box]
-    return _spread(boxes) if boxes.size >= 50 else 0.0
 
 
 def _pixel_noise(raw: RawFrame) -> float:
@@ -177,7 +167,3 @@ def _centred(light: np.ndarray, x: float, y: float, size: tuple[float, float]) -
             break
         x, y = float(weight.sum(axis=0) @ columns / total), float(weight.sum(axis=1) @ rows / total)
     return x, y
-
-
-def _clamped(start: float, last: int) -> int:
-    return min(max(round(start), 0), last)

@@ -35,6 +35,9 @@ _REDUCERS = ("REDUCER", "FOCREDUC", "FOCALRED", "BARLOW", "EXTENDER", "TELECONV"
 _NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "False")
 """Keywords of a focal reducer or extender, and their values where there is none."""
 
+_NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
+"""Comment of the scale of pixels that are not binned."""
+
 _BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
 """Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
 
@@ -53,35 +56,41 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
         Arcsec/pixel: of the WCS in the middle of the frame, else of ``PIXSCALE`` and its like, else of
         ``FOCALLEN`` with ``XPIXSZ``.
     """
-    known = _of_sky(cards, wcs)
-    if known is not None and (why := _unlikely(cards, known.value)):
-        cards.warnings.append(f"{known.source} = {known.value:.4g} arcsec/pixel {why}: check its unit")
+    shape = None
+    for stem in ("NAXIS", "ZNAXIS"):  # the latter are of the pixels of a tile-compressed image
+        sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
+        if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
+            shape = sides[0], sides[1]
+    known, why = _of_sky(cards, wcs, shape), ""
+    if known is None:
+        return None
+    scale, aside = known.value, cards.aside
+    aperture = aside.quantity("focal_length", "APTDIA")
+    side = aside.quantity("pixel_size", "XPIXSZ") or aside.quantity("pixel_size", "PIXSIZE1")
+    focal = ARCSEC_PER_RADIAN * 1e-3 * (side.value if side and side.positive else _USUAL_PIXEL) / scale
+    if shape is not None and scale * max(shape) > _SKY:
+        why = f"makes the image {scale * max(shape) / 3600:.4g} degrees wide"
+    elif aperture is not None and focal < _LEAST_RATIO * aperture.value:
+        why = f"would need a focal length of {focal:.3g} mm behind an aperture of {aperture.value:g} mm"
+    elif not _USUAL[0] <= scale <= _USUAL[1]:
+        why = "is unusual"
+    if why:
+        cards.warnings.append(f"{known.source} = {scale:.4g} arcsec/pixel {why}: check its unit")
     return known
 
 
-def _unlikely(cards: Cards, scale: float) -> str:
-    """Return why a scale [arcsec/pixel] is hardly that of the frame; empty if it may be."""
-    shape, low, high = _shape(cards), *_USUAL
-    if shape is not None and scale * max(shape) > _SKY:
-        return f"makes the image {scale * max(shape) / 3600:.4g} degrees wide"
-    before = len(cards.warnings)
-    aperture = cards.quantity("focal_length", "APTDIA")
-    side = cards.quantity("pixel_size", "XPIXSZ") or cards.quantity("pixel_size", "PIXSIZE1")
-    del cards.warnings[before:]  # of numbers that are not used
-    focal = ARCSEC_PER_RADIAN * 1e-3 * (side.value if side and side.positive else _USUAL_PIXEL) / scale
-    if aperture is not None and focal < _LEAST_RATIO * aperture.value:
-        return f"would need a focal length of {focal:.3g} mm behind an aperture of {aperture.value:g} mm"
-    return "" if low <= scale <= high else "is unusual"
-
-
-def _of_sky(cards: Cards, wcs: Any) -> Sourced | None:
+def _of_sky(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:
+    """Return the scale of the WCS; without one, that of a keyword or of the optics."""
     said = cards.first("plate_scale") or _of_area(cards)
-    if said is not None:
-        _along_y(cards, said)
+    key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
+    along_y = cards.aside.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
+    if said is not None and along_y is not None and abs(along_y.value / said.value - 1) > 0.01:
+        found = f"{along_y.key} = {along_y.value:g} arcsec/pixel"
+        cards.warnings.append(f"{key} = {said.value:g} is used, and {found}: pixels are not square")
     optics = _of_optics(cards)
     if wcs is None:
         return _without_sky(cards, said, optics)
-    scale, warnings = plate_scale(wcs, _shape(cards))
+    scale, warnings = plate_scale(wcs, shape)
     cards.warnings += warnings
     problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is not None:
@@ -98,25 +107,28 @@ def _of_sky(cards: Cards, wcs: Any) -> Sourced | None:
     return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
 
 
-def _shape(cards: Cards) -> tuple[int, int] | None:
-    """``(ny, nx)``, of a tile-compressed image that of its pixels."""
-    for stem in ("ZNAXIS", "NAXIS"):
-        sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
-        if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
-            return sides[0], sides[1]
-    return None
-
-
 def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> Sourced | None:
+    """Return the scale of a keyword, or else of the optics, where no WCS gives one."""
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
         found = f"{optics.source} = {optics.value:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
     nx, ny = _binning(cards)
-    said = _of_these_pixels(cards, said, (nx, ny)) if said is not None else None
+    key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
+    of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
+    if said is not None and of_native and ((nx, ny) != (1, 1) or not any(map(cards.text, _BINNINGS))):
+        found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
+        unsure = (nx, ny) == (1, 1)
+        what = ", and no binning is known: check it" if unsure else ", and is ignored: give --plate-scale"
+        cards.warnings.append(f"{found}{what}")
+        said = said if unsure else None
     known = said or optics
     if known is None:
         return None
-    resampled = [*filter(None, (_resampled(cards, f"LTM{axis}_{axis}", n) for axis, n in ((1, nx), (2, ny))))]
+    resampled = []  # by IRAF's step from a pixel of the detector to those of the image, unlike the binning
+    for key, binning in (("LTM1_1", nx), ("LTM2_2", ny)):
+        step = cards.number(key)
+        if step is not None and not any(abs(abs(step.value) * n - 1) < 0.01 for n in (1, binning)):
+            resampled.append(f"{key} = {step.value:g}")
     if said is not None and optics is None and (nx, ny) != (1, 1):
         found = f"the binning of {nx:g}" if nx == ny else f"the binning of {nx:g} x {ny:g}"
         cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {found}")
@@ -126,42 +138,6 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
     if nx != ny and known is said:
         cards.warnings.append(f"the binning is {nx} x {ny}: pixels are not square")
     return known
-
-
-_NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
-"""Comment of the scale of pixels that are not binned."""
-
-
-def _of_these_pixels(cards: Cards, said: Sourced, binning: tuple[int, int]) -> Sourced | None:
-    """Return a scale, or None with a warning if by its comment it is that of pixels before binning."""
-    key = said.source.removeprefix("header ").partition(" (")[0]
-    of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
-    if not of_native or (binning == (1, 1) and any(map(cards.text, _BINNINGS))):
-        return said
-    found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
-    if binning == (1, 1):
-        cards.warnings.append(f"{found}, and no binning is known: check it")
-        return said
-    cards.warnings.append(f"{found}, and is ignored: give --plate-scale")
-    return None
-
-
-def _resampled(cards: Cards, key: str, binning: int) -> str:
-    """IRAF's step from a pixel of the detector to those of the image, where the binning does not say it."""
-    step = cards.number(key)
-    steps = step is None or any(abs(abs(step.value) * n - 1) < 0.01 for n in (1, binning))
-    return "" if step is None or steps else f"{key} = {step.value:g}"
-
-
-def _along_y(cards: Cards, said: Sourced) -> None:
-    """Warn of a second axis with another scale."""
-    key = said.source.removeprefix("header ").partition(" (")[0]
-    before = len(cards.warnings)
-    other = cards.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
-    del cards.warnings[before:]
-    if other is not None and abs(other.value / said.value - 1) > 0.01:
-        found = f"{other.key} = {other.value:g} arcsec/pixel"
-        cards.warnings.append(f"{key} = {said.value:g} is used, and {found}: pixels are not square")
 
 
 def _of_area(cards: Cards) -> Sourced | None:

@@ -39,93 +39,6 @@ class Scaling(NamedTuple):
     how: str
 
 
-def scaling_of(data: np.ndarray) -> Scaling | None:
-    """Recognise pixels of few bits that were scaled to 16.
-
-    Parameters
-    ----------
-    data : array
-        Pixels as stored, without ``BSCALE``, or less an offset.
-
-    Returns
-    -------
-    scaling : Scaling or None
-        None for numbers that are no integers, use all 16 bits, or are too few or too alike to show it.
-
-    Notes
-    -----
-    A mean of two frames of 12 bits, scaled by 16, is taken for one of 13.  Up to 1 % of the pixels may differ
-    from the rule.
-    """
-    for most in (_FEW, _MANY):
-        values = _whole(data.ravel()[:: max(1, data.size // most)])
-        found = _stretched(values) or _multiplied(values)
-        if found is None:
-            break
-    return found
-
-
-def _multiplied(values: np.ndarray) -> Scaling | None:
-    """Recognise numbers that differ by multiples of one, from 3 on."""
-    apart = _apart(values)
-    if apart is None:
-        return None
-    numbers, counts = np.unique(apart, return_counts=True)
-    common = numbers[np.argsort(counts)[-_COMMON:]]
-    for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
-        whole = apart % step == 0
-        if whole.mean() >= 1 - _MOST_ODD and len(np.unique(apart[whole])) >= _DISTINCT:
-            break
-    else:
-        return None
-    if step < _LEAST:
-        return None
-    bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
-    return Scaling(float(step), f"multiples of {step}{bits}")
-
-
-def _stretched(values: np.ndarray) -> Scaling | None:
-    """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale."""
-    apart = _apart(values)
-    if apart is None or values.min() < 0 or values.max() > _FULL:
-        return None
-    usual = _most_frequent(values)
-    numbers = values[values != usual].astype(np.int64)
-    for bits in _BITS:
-        full, shift = (1 << bits) - 1, 16 - bits
-        codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
-        if np.mean(numbers % (1 << shift) == 0) >= 1 - _MOST_ODD:
-            return None  # they are multiples
-        upper = numbers >> shift
-        repeated = (upper << shift) | (upper >> (bits - shift) if bits >= shift else upper)
-        for made in (np.rint(codes * (_FULL / full)), repeated):
-            same = made == numbers
-            if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
-                return Scaling(_FULL / full, f"those of {bits} bits stretched to 16")
-    return None
-
-
-def _whole(values: np.ndarray) -> np.ndarray:
-    """Return the values that are integers; none of them where most are not."""
-    finite = values[np.abs(values) < 2**53]
-    whole = finite[finite == np.rint(finite)]
-    return whole if whole.size >= (1 - _MOST_ODD) * finite.size else whole[:0]
-
-
-def _apart(values: np.ndarray) -> np.ndarray | None:
-    """Return the differences of pixels from the most frequent value, without zeros; None of too few."""
-    if not values.size:
-        return None
-    apart = (values - _most_frequent(values)).astype(np.int64)
-    apart = apart[apart != 0]
-    return apart if apart.size >= _FEWEST else None
-
-
-def _most_frequent(values: np.ndarray) -> float:
-    numbers, counts = np.unique(values, return_counts=True)
-    return float(numbers[np.argmax(counts)])
-
-
 def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[str]:
     """Warn of pixels that were scaled up, of which a gain may be that of the converter.
 
@@ -140,15 +53,67 @@ def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[
     Returns
     -------
     warnings : list of str
+        Empty for numbers that are no integers, use all 16 bits, or are too few or too alike to show it.
+
+    Notes
+    -----
+    A mean of two frames of 12 bits, scaled by 16, is taken for one of 13.  Up to 1 % of the pixels may differ
+    from the rule.
     """
     if metadata.value("unit", "adu") != "adu":
         return []
-    found = scaling_of(data if scale == 1 else data / scale)
-    if found is None:
-        return []
-    said = f"pixels are {found.how}"
+    stored = (data if scale == 1 else data / scale).ravel()
+    for most in (_FEW, _MANY):
+        sample = stored[:: max(1, stored.size // most)]
+        finite = sample[np.abs(sample) < 2**53]
+        values = finite[finite == np.rint(finite)]
+        if not values.size or values.size < (1 - _MOST_ODD) * finite.size:
+            return []
+        numbers, counts = np.unique(values, return_counts=True)
+        usual = numbers[np.argmax(counts)]
+        other = values[values != usual].astype(np.int64)
+        if other.size < _FEWEST:
+            return []
+        stretched = _stretched(other) if values.min() >= 0 and values.max() <= _FULL else None
+        found = stretched or _multiplied(other - int(usual))
+        if found is None:
+            return []
+        factor, how = found
+    said = f"pixels are {how}"
     if metadata.gain is None:
-        return [f"{said}: divide a gain in e-/ADU that is of unscaled numbers by {found.factor:.6g} (--gain)"]
-    gain, unscaled = metadata.gain, metadata.gain.value / found.factor
+        return [f"{said}: divide a gain in e-/ADU that is of unscaled numbers by {factor:.6g} (--gain)"]
+    gain, unscaled = metadata.gain, metadata.gain.value / factor
     own = f"{gain.source} = {gain.value:g} e-/ADU"
     return [f"{said}: if {own} is that of the unscaled numbers, give --gain {unscaled:g}"]
+
+
+def _multiplied(apart: np.ndarray) -> Scaling | None:
+    """Recognise numbers whose differences from the most frequent one are multiples, from 3 on."""
+    numbers, counts = np.unique(apart, return_counts=True)
+    common = numbers[np.argsort(counts)[-_COMMON:]]
+    for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
+        whole = apart % step == 0
+        if whole.mean() >= 1 - _MOST_ODD and len(np.unique(apart[whole])) >= _DISTINCT:
+            break
+    else:
+        return None
+    if step < _LEAST:
+        return None
+    bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
+    return Scaling(float(step), f"multiples of {step}{bits}")
+
+
+def _stretched(numbers: np.ndarray) -> Scaling | None:
+    """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale."""
+    for bits in _BITS:
+        full, shift = (1 << bits) - 1, 16 - bits
+        codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
+        if np.mean(numbers % (1 << shift) == 0) >= 1 - _MOST_ODD:
+            return None  # they are multiples
+        upper = numbers >> shift
+        repeated = (upper << shift) | (upper >> (bits - shift) if bits >= shift else upper)
+        for made in (np.rint(codes * (_FULL / full)), repeated):
+            same = made == numbers
+            if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
+                return Scaling(_FULL / full, f"those of {bits} bits stretched to 16")
+    return None

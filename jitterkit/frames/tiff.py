@@ -74,7 +74,7 @@ class TiffFile(FrameFile):
         with translated(path):
             self._pages = full_pages(path)
         with translated(path) as caught, overheard(_LOG) as talk:
-            self._tiff = tifffile.TiffFile(path)
+            self._tiff = self.enter_context(tifffile.TiffFile(path))
             try:
                 self._survey()
             except BaseException:
@@ -134,10 +134,6 @@ class TiffFile(FrameFile):
         if self._line is not None:
             data = self._line[0] + self._line[1] * data
         return RawFrame(data, metadata=self.metadata.warn(*talk), variance_source="")
-
-    def close(self) -> None:
-        """Close the file."""
-        self._tiff.close()
 
 
 def _decode(path: Path, page: Any) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -77,44 +76,32 @@ def resolve_time(cards: Cards) -> Sourced | None:
     Returns
     -------
     time : Sourced or None
-        Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.
+        Text such as ``"2016-09-09T08:12:26"``, unit ``"UTC"``.  Another keyword that says more than an hour
+        and than the exposure from it adds a warning.
     """
     day = None
     for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG", "MJD", "JD"):
-        known = (_date if key.startswith("DATE") else _mjd)(cards, key)
+        known = _stated(cards, key)
         if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
-            return _agreeing(cards, key, known)
+            break
         day = day or known  # without a time of day, unless another keyword has one on it
-    return day
-
-
-def _agreeing(cards: Cards, key: str, known: Sourced) -> Sourced:
-    """Return a time, with a warning if another keyword says an hour or more from it."""
-    before = len(cards.warnings)
+    else:
+        return day
+    when, found = datetime.fromisoformat(known.value), ""
     for other in ("DATE-OBS", "MJD-OBS", "JD"):
-        said = None if other == key else (_date if other.startswith("DATE") else _mjd)(cards, other)
-        del cards.warnings[before:]  # of times that are not used
-        if said is None or "T" not in said.value:
-            continue
-        apart = datetime.fromisoformat(said.value) - datetime.fromisoformat(known.value)
-        if abs(apart) >= _CONTRADICTION and abs(apart).total_seconds() > _exposure(cards):
-            cards.warnings.append(f"{key} = {known.value} is used, and {other} contradicts it ({said.value})")
-            return known
-    _agreeing_time_of_day(cards, known)
+        said = None if other == key else _stated(cards.aside, other)
+        at = None if said is None or "T" not in said.value else datetime.fromisoformat(said.value)
+        if said is not None and at is not None and _contradicts(cards, abs(at - when)):
+            found = f"{key} = {known.value} is used, and {other} contradicts it ({said.value})"
+            break
+    for other in TIME_KEYS if not found else ():
+        text = cards.text(other)
+        at = _parse(f"{when.date().isoformat()}T{text.partition('T')[2] or text}")
+        if isinstance(at, datetime) and _contradicts(cards, abs((at - when + _DAY / 2) % _DAY - _DAY / 2)):
+            found = f"{known.source} = {known.value} is used, and {other} = {text} contradicts it"
+            break
+    cards.warnings += filter(None, [found])
     return known
-
-
-def _agreeing_time_of_day(cards: Cards, known: Sourced) -> None:
-    """Warn of a time of day in a keyword of its own that is an hour or more from the one that is used."""
-    when = datetime.fromisoformat(known.value)
-    for key in TIME_KEYS:
-        said = _parse(f"{when.date().isoformat()}T{cards.text(key).partition('T')[2] or cards.text(key)}")
-        if isinstance(said, datetime):
-            apart = abs((said - when + _DAY / 2) % _DAY - _DAY / 2)
-            if apart >= _CONTRADICTION and apart.total_seconds() > _exposure(cards):
-                found = f"{known.source} = {known.value} is used"
-                cards.warnings.append(f"{found}, and {key} = {cards.text(key)} contradicts it")
-                return
 
 
 def seconds_to_end(cards: Cards, start: Sourced | None) -> tuple[str, float | None]:
@@ -133,66 +120,65 @@ def seconds_to_end(cards: Cards, start: Sourced | None) -> tuple[str, float | No
     seconds : float or None
         Negative if the end is earlier; None unless the header has the time of day of both.
     """
-    before = len(cards.warnings)
-    found: tuple[str, float | None] = ("", None)
-    if start is not None and "T" in start.value and "AVG" not in start.source:
-        when = datetime.fromisoformat(start.value)
-        found = next(((key, seconds) for key, seconds in _ends(cards, when)), ("", None))
-    del cards.warnings[before:]  # of times that are not used
-    return found
-
-
-def _ends(cards: Cards, start: datetime) -> Iterator[tuple[str, float]]:
-    """Yield seconds to the end of an exposure, the most certain first."""
+    if start is None or "T" not in start.value or "AVG" in start.source:
+        return "", None
+    when, cards = datetime.fromisoformat(start.value), cards.aside
     for key, times in (("DATE-END", 1), ("MJD-END", 1), ("DATE-AVG", 2), ("MJD-AVG", 2)):
-        said = (_date if key.startswith("DATE") else _mjd)(cards, key)
-        middle = None if said is None or "T" not in said.value else datetime.fromisoformat(said.value)
-        if middle is not None and (times == 1 or middle > start):
-            yield key, times * (middle - start).total_seconds()
+        said = _stated(cards, key)
+        end = None if said is None or "T" not in said.value else datetime.fromisoformat(said.value)
+        if end is not None and (times == 1 or end > when):
+            return key, times * (end - when).total_seconds()
     for key in _END_KEYS:
-        said = _parse(f"{start.date().isoformat()}T{cards.text(key)}")
-        if isinstance(said, datetime):
-            yield key, ((said - start) % _DAY).total_seconds()
-    said = _parse(cards.text("DATE"))
-    if isinstance(said, datetime) and said - start > _HEADER_FIRST:  # a copy may have kept an older one
-        yield "DATE", (said - start).total_seconds()
+        end = _parse(f"{when.date().isoformat()}T{cards.text(key)}")
+        if isinstance(end, datetime):
+            return key, ((end - when) % _DAY).total_seconds()
+    end = _parse(cards.text("DATE"))
+    if isinstance(end, datetime) and end - when > _HEADER_FIRST:  # a copy may have kept an older one
+        return "DATE", (end - when).total_seconds()
+    return "", None
 
 
-def _exposure(cards: Cards) -> float:
-    """Seconds by which the beginning and the end of an exposure may differ."""
-    before = len(cards.warnings)
-    number = next(cards.believed("exposure"), None)
-    del cards.warnings[before:]
-    return 0.0 if number is None else number.value
+def _contradicts(cards: Cards, apart: timedelta) -> bool:
+    """Return whether two times differ by more than the exposure, and by as much as those of two zones."""
+    if apart < _CONTRADICTION:
+        return False
+    exposure = next(cards.aside.believed("exposure"), None)
+    return apart.total_seconds() > (0.0 if exposure is None else exposure.value)
 
 
-def _date(cards: Cards, key: str) -> Sourced | None:
+def _stated(cards: Cards, key: str) -> Sourced | None:
+    """Return the time of a keyword in UTC, with warnings of what is odd about it; None if it is none."""
     card = cards.find(key)
     if card is None:
         return None
-    text = str(card[0]).strip()
-    source = card[2]
-    when = _parse(text)
-    if when is None:
-        cards.warnings.append(f"{key} = {text!r} is not a date and is ignored")
-        return None
-    if not isinstance(when, datetime):
-        when, source = _with_time(cards, when, source)
-    elif when == datetime(when.year, when.month, when.day):  # midnight may stand for no time of day
-        when, source = _with_time(cards, when.date(), source)
-        when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
-    if when.year < _FIRST_DETECTOR:
-        cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
-    _warn_by_comment(cards, key, card)
-    return _in_utc(cards, when, source)
-
-
-def _warn_by_comment(cards: Cards, key: str, card: tuple[Any, str, str]) -> None:
-    """Warn of a time that is local, or not the beginning, by its comment."""
-    if _LOCAL.search(card[1]) and not _IN_UTC.search(card[1]):
-        cards.warnings.append(f"{key} is local time by its comment {card[1]!r}; it is left as written")
-    if (late := _LATE.search(card[1])) and not _BEGIN.search(card[1]) and not key.endswith("AVG"):
+    value, comment, source = card
+    if key.startswith("DATE"):
+        text, precision = str(value).strip(), "auto"
+        when = _parse(text)
+        if when is None:
+            cards.warnings.append(f"{key} = {text!r} is not a date and is ignored")
+            return None
+        if not isinstance(when, datetime):
+            when, source = _with_time(cards, when, source)
+        elif when == datetime(when.year, when.month, when.day):  # midnight may stand for no time of day
+            when, source = _with_time(cards, when.date(), source)
+            when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
+        if when.year < _FIRST_DETECTOR:
+            cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
+    else:
+        number, precision = cards.number(key), "milliseconds"
+        if number is None:
+            return None
+        days = number.value - _JULIAN if key == "JD" else number.value
+        if not _FIRST_MJD < days < 200000:
+            cards.warnings.append(f"{key} = {number.value:g} is not a date and is ignored")
+            return None
+        when = MJD_EPOCH + timedelta(days=days)
+    if _LOCAL.search(comment) and not _IN_UTC.search(comment):
+        cards.warnings.append(f"{key} is local time by its comment {comment!r}; it is left as written")
+    if (late := _LATE.search(comment)) and not _BEGIN.search(comment) and not key.endswith("AVG"):
         cards.warnings.append(f"{key} is not the beginning by its comment ({late[0]!r}); it is taken for it")
+    return _in_utc(cards, when, source, precision)
 
 
 def _parse(text: str) -> Any:
@@ -234,19 +220,7 @@ def _with_time(cards: Cards, day: Any, source: str) -> tuple[Any, str]:
     return day, source
 
 
-def _mjd(cards: Cards, key: str) -> Sourced | None:
-    card = cards.number(key)
-    if card is None:
-        return None
-    days = card.value - _JULIAN if key == "JD" else card.value
-    if not _FIRST_MJD < days < 200000:
-        cards.warnings.append(f"{key} = {card.value:g} is not a date and is ignored")
-        return None
-    _warn_by_comment(cards, key, (card.value, card.comment, card.source))
-    return _in_utc(cards, MJD_EPOCH + timedelta(days=days), card.source, "milliseconds")
-
-
-def _in_utc(cards: Cards, when: Any, source: str, precision: str = "auto") -> Sourced:
+def _in_utc(cards: Cards, when: Any, source: str, precision: str) -> Sourced:
     """Convert to UTC by the header's time scale; a date alone is left as written."""
     offset = cards.number("TIMEOFFS")
     if offset is not None and offset.value:

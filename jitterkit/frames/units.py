@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
 COUNTS = ("adu", "electron")
@@ -28,9 +28,7 @@ UNITS: Mapping[str, str] = {
 }  # fmt: skip
 
 _PER_PIXEL = re.compile(r"(/|per)pix(el)?s?")
-_PER_SECOND = re.compile(
-    r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)", re.I
-)
+_PER_SECOND = re.compile(r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)")
 
 
 def resolve_unit(text: str) -> str | None:
@@ -95,9 +93,8 @@ _MILLIMETRES = _spelled(
         1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
     }
 )
-_METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.4, 304.8)} | _spelled(
-    {1e-9: "nm nanometer nanometers nanometre nanometres"}
-)
+_METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.4, 304.8)}
+_METRES |= _spelled({1e-9: "nm nanometer nanometers nanometre nanometres"})
 _PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")
 _FACTORS = {
     "exposure": _SECONDS,
@@ -259,35 +256,30 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         None where the comment states none.  A comment that names other units only, in none of these
         places, is returned whole: its number may be in either.
     """
-
-    def known(text: str) -> bool:
-        return factor(name, text) is not None
-
+    meaning = partial(factor, name)  # None of a text that is no unit
     comment = re.sub(r"\s+per\s+", "/", " ".join(comment.split()), flags=re.I)
     comment = re.sub(r"(?<!\w)'(\w+)'(?!\w)", r"\1", _ATTRIBUTE.sub("", _APART.sub(r"\1", comment)))
     multiple = re.search(r"\bunits? of ([^\s,;:()]+)", comment, re.I)
-    if multiple and not known(multiple[1]) and multiple[1] != "1":
+    if multiple and not meaning(multiple[1]) and multiple[1] != "1":
         return comment
     square = [text for text in re.findall(r"\[([^]]*)\]", comment) if text.strip()]
-    found = next(filter(known, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
+    found = next(filter(meaning, (*square, *re.findall(r"[({<|]([^)}>|]*)[)}>|]", comment))), None)
     if found is not None or square:
         return found or square[0]
     start = re.match(r"(?:in |units?:? ?)?([^\s,;:()]+?)(\.?(?=$|[,;:(])|(?= ))", comment, re.I)
-    if start and known(start[1]):
+    if start and meaning(start[1]):
         clause = comment[start.end() :].startswith(" ") and start[1].lower() in _CLAUSE_ONLY
         return comment if clause else start[1]
-    if start and known(start[1].partition("/")[0]):
+    if start and meaning(start[1].partition("/")[0]):
         return start[1]
     for ending in (r"(?:\bin |[,;:] ?|= ?(?:[\d.]+ ?)?| - )([^\s,;:()]+?)\.?$", r"/([^\s,;:()/]+?)\.?$"):
         end = re.search(ending, comment, re.I)
-        if end and known(end[1]):
+        if end and meaning(end[1]):
             return end[1]
-    return _only_other_units(comment, lambda text: factor(name, text), default)
+    return _only_other_units(comment, meaning, default)
 
 
-def _only_other_units(
-    comment: str, meaning: Callable[[str], float | str | None], default: float | str
-) -> str | None:
+def _only_other_units(comment: str, meaning: Callable[[str], object], default: float | str) -> str | None:
     """The comment where it mentions units, and not the one that is meant by default."""
     comment = _LENGTH.sub("", comment)
     words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
@@ -301,9 +293,7 @@ def _only_other_units(
 
 def _names_other_unit(word: str) -> bool:
     """Return whether a word is a unit of any quantity, and no word of other meaning."""
-    unit = word.lower()
-    length = unit.partition("/")[0]
+    unit, length = word.lower(), word.lower().partition("/")[0]
     known = any(length in table for table in (_SECONDS, _ARCSECONDS, _MILLIMETRES))
-    lengths = known and (len(length) > 2 or length in _SHORT)
-    other = lengths or resolve_unit(unit) is not None or _FOREIGN.fullmatch(unit) is not None
-    return unit not in _CLAUSE_ONLY and other
+    other = (known and (len(length) > 2 or length in _SHORT)) or resolve_unit(unit) is not None
+    return unit not in _CLAUSE_ONLY and (other or _FOREIGN.fullmatch(unit) is not None)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.characteristics import NUMBERS, nominal
+from jitterkit.detectors.characteristics import NUMBERS
 from jitterkit.frames.metadata import QUANTITIES
 from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.instrument import Instrument
@@ -89,7 +89,7 @@ def _row(name: str, value: Any, source: str) -> Row:
 def _text(name: str, value: Any) -> str:
     if np.ndim(value) == 2:
         ny, nx = np.shape(value)
-        what = f"{np.count_nonzero(value)} bad" if name == "bad_pixels" else f"median {nominal(value):g}"
+        what = f"{np.count_nonzero(value)} bad" if name == "bad_pixels" else f"median {np.median(value):g}"
         return f"map {nx} x {ny}, {what}"
     if name == "shape":
         return f"{value[1]} x {value[0]}"

@@ -31,16 +31,13 @@ def is_pupil(images: Sequence[NamedImage]) -> bool | None:
     """Tell whether a file holds a pupil or a PSF, from its cards; None if they do not tell."""
     headers = [image.header for image in images]
     names = {image.name for image in images}
-    if any(factor("pupil_scale", str(header.get("PIXUNIT", ""))) for header in headers) or names & {
-        "TRANSMISSION",
-        "OPD",
-    }:
+    in_metres = any(factor("pupil_scale", str(header.get("PIXUNIT", ""))) for header in headers)
+    if in_metres or names & {"TRANSMISSION", "OPD"}:
         return True
     if any(key in header for header in headers for key in ("WAVELEN", "DIFFLMT", "OVERSAMP", "DET_SAMP")):
         return False
-    if any(key in header for header in headers for key in ("PUPLSCAL", "PUPLDIAM", "CONTENTS")):
-        return True
-    return None
+    found = any(key in header for header in headers for key in ("PUPLSCAL", "PUPLDIAM", "CONTENTS"))
+    return True if found else None
 
 
 def pupil_arrays(
@@ -94,7 +91,11 @@ def pupil_arrays(
     wavefront = np.zeros_like(transmission)
     if errors:
         wavefront = _wavefront(where, errors[0], transmission, opd_unit, plane)
-        _refuse_other_scale(where, errors[0], amplitude)
+        of_errors, scale = (image.quantity("pupil_scale", *_SCALES) for image in (errors[0], amplitude))
+        if of_errors and scale and abs(of_errors / scale - 1) > _AGREEMENT:
+            problem = f"HDU {errors[0].hdu} has samples of {of_errors:g} m, the transmission of {scale:g} m"
+            remedy = "give both on the same samples"
+            raise ConfigurationError(ErrorCode.CONFLICT, f"{where}: {problem}; {remedy}.")
     width = _width(path, amplitude, transmission) if diameter is None else diameter
     return transmission, wavefront, width
 
@@ -135,15 +136,6 @@ def _wavefront(
         problem = f"{path}: HDU {image.hdu} does not say the unit of the wavefront error (BUNIT)"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; give --opd-unit.")
     return np.where(transmission > 0, -nanometres(path, unit) * errors, 0.0)
-
-
-def _refuse_other_scale(path: Path, errors: NamedImage, amplitude: NamedImage) -> None:
-    scales = [image.quantity("pupil_scale", *_SCALES) for image in (errors, amplitude)]
-    if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > _AGREEMENT:
-        problem = (
-            f"{path}: HDU {errors.hdu} has samples of {scales[0]:g} m, the transmission of {scales[1]:g} m"
-        )
-        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give both on the same samples.")
 
 
 def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:

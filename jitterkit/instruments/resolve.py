@@ -11,7 +11,7 @@ from typing import Any
 from jitterkit.detectors.knowledge import supplement
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hidden import with_a_star
-from jitterkit.frames.metadata import QUANTITIES, Metadata, Sourced
+from jitterkit.frames.metadata import FIELDS, QUANTITIES, Metadata, Sourced
 from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
@@ -57,23 +57,20 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     FrameError
         If a mask whose bits nobody explains hides all stars (:func:`~jitterkit.frames.hidden.with_a_star`).
     """
-    metadata = _without_advice(raw.metadata.apply("command line", **(overrides or {})))
+    metadata = raw.metadata.apply("command line", **(overrides or {}))
+    known = {name: getattr(metadata, name) for name in FIELDS}
+    given = [name for name, one in known.items() if one and one.source.startswith("command line")]
+    advice = [re.compile(rf"(give |\()--{name.replace('_', '-')}\b(?!-)") for name in given]
+    kept = tuple(text for text in metadata.warnings if not any(one.search(text) for one in advice))
+    metadata = replace(metadata, warnings=kept)  # without advice to give a number that was given
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
         metadata = metadata.warn(*_contradiction(name, getattr(raw.metadata, name), getattr(metadata, name)))
     metadata = _with_scale_error(metadata, raw.metadata, instrument)
-    metadata = _with_corrections(metadata, instrument, _middle(raw, metadata))
+    metadata = _with_corrections(metadata, instrument, raw)
     metadata = instrument.detector.inform(metadata)
-    known = raw.with_metadata(metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias)))
-    return with_a_star(known)
-
-
-def _without_advice(metadata: Metadata) -> Metadata:
-    """Leave out warnings that advise to give a number which was given."""
-    given = {name for name, known in metadata.known().items() if known.source.startswith("command line")}
-    options = [re.compile(rf"(give |\()--{name.replace('_', '-')}\b(?!-)") for name in given]
-    kept = tuple(text for text in metadata.warnings if not any(one.search(text) for one in options))
-    return replace(metadata, warnings=kept)
+    metadata = metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias))
+    return with_a_star(raw.with_metadata(metadata))
 
 
 def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list[str]:
@@ -96,9 +93,9 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
     if stated is None and instrument.plate_scale_err is not None:
         unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
         stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
-    if stated is None:
+    used = metadata.plate_scale
+    if stated is None or used is None:
         return metadata
-    used = metadata.known()["plate_scale"]
     if abs(used.value / scale - 1) <= stated.value:
         return replace(metadata, plate_scale_err=stated)
     return replace(metadata, plate_scale_err=None).warn(
@@ -107,11 +104,20 @@ def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument)
     )
 
 
-def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -> Metadata:
-    """Add what the sky does to a separation, once: a scale measured from stars holds some of it already."""
-    sky, source, scale = instrument.sky, instrument.source("sky"), metadata.known()["plate_scale"]
+def _with_corrections(metadata: Metadata, instrument: Instrument, raw: RawFrame) -> Metadata:
+    """Add what the sky does to a separation, once: a scale measured from stars holds some of it already.
+
+    Frames that share a time follow each other without a pause.  A mean time of several is that of none.
+    """
+    sky, source = instrument.sky, instrument.source("sky")
+    scale = "" if metadata.plate_scale is None else metadata.plate_scale.source
     if sky is not None:
-        solved = scale.source.startswith("header WCS")
+        known, index = metadata.time, raw.index if raw.after is None else raw.after
+        average, when = known is not None and "-AVG" in known.source, math.nan
+        if known is not None and "T" in known.value and not (average and raw.several):
+            exposures = index * raw.several + 0.5 * (not average)  # until the middle of this frame's
+            when = epoch_seconds(known.value) + exposures * metadata.value("exposure", 0.0)
+        solved = scale.startswith("header WCS")
         if sky.needs_time and math.isnan(when):
             metadata = metadata.warn(
                 "there is no time of day: corrections of [sky] that depend on it are empty"
@@ -123,22 +129,8 @@ def _with_corrections(metadata: Metadata, instrument: Instrument, when: float) -
     known = metadata.va_factor
     if known is None or known.value == 1:
         return metadata
-    if not scale.source.endswith(VA_INCLUDED):
-        solved = scale.source.startswith("header WCS") and known.source.startswith("header")
+    if not scale.endswith(VA_INCLUDED):
+        solved = scale.startswith("header WCS") and known.source.startswith("header")
         return metadata.warn(f"{known.source} is applied, but {_MAY_BE_HELD}") if solved else metadata
     included = f"{known.source} = {known.value:.9g}, which the WCS's scale includes"
     return metadata.override(included, va_factor=1.0)
-
-
-def _middle(raw: RawFrame, metadata: Metadata) -> float:
-    """Return the middle of the exposure, seconds since 1970; NaN where no time of day is known.
-
-    Frames that share a time follow each other without a pause.  A mean time of several is that of none.
-    """
-    known, exposure = metadata.time, metadata.value("exposure", 0.0)
-    average = known is not None and "-AVG" in known.source
-    if known is None or "T" not in known.value or (average and raw.several):
-        return math.nan
-    index = raw.index if raw.after is None else raw.after
-    before = index * raw.several + 0.5 * (not average)
-    return epoch_seconds(known.value) + before * exposure

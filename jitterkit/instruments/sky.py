@@ -38,6 +38,9 @@ SKY_KEYS: Mapping[str, str] = {
 }
 """Keys of the table, with their units."""
 
+_FASTEST = 1e-3 * c / 1e3
+"""km/s, a thousandth of the speed of light: no observer in space is as fast."""
+
 _YEAR = 365.25 * 86400
 """s."""
 
@@ -85,7 +88,7 @@ class Sky:
         if isinstance(self.velocity, str):
             if self.velocity != "earth":
                 self._refuse("velocity", 'give "earth", or three numbers in km/s')
-        elif self.velocity is not None and not _believable(self.velocity):
+        elif (v := self.velocity) is not None and not (len(v) == 3 and math.hypot(*v) < _FASTEST):
             self._refuse("velocity", "give three numbers of less than 300 km/s together")
         if self.orbit_rate is not None and not abs(self.orbit_rate) < 100:
             self._refuse("orbit_rate", "give less than 100 arcsec a year")
@@ -125,11 +128,6 @@ class Sky:
         if self.orbit_rate is None or self.orbit_epoch is None or math.isnan(when):
             return None
         return self.orbit_rate * (when - epoch_seconds(self.orbit_epoch)) / _YEAR
-
-
-def _believable(velocity: Any) -> bool:
-    """Return whether a velocity [km/s] is one in space, below a thousandth of that of light."""
-    return len(velocity) == 3 and math.hypot(*velocity) < 1e-3 * c / 1e3
 
 
 def velocity_aberration(direction: Any, velocity: Any) -> float:

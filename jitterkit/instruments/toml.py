@@ -149,21 +149,17 @@ def read_instrument(path: str | Path) -> Instrument:
                 fields |= reader(sections[name])
                 fields["sources"][name] = f"instrument file {path.name} [{name}]"
         detector = Detector() if base is None else base.detector
-        fields["detector"] = (
-            read_detector(sections["detector"], detector) if "detector" in sections else detector
-        )
+        if "detector" in sections:
+            detector = read_detector(sections["detector"], detector)
+        fields["detector"] = detector
         made = _assemble(path, fields, base)
         if "psf" in sections:
             pitch = made.plate_scale / made.psf_options.get("oversample", 1)
-            made = replace(
-                made,
-                psf_from=partial(fields["psf_from"], pitch=pitch, whole="enclosed" not in made.psf_options),
-            )
+            star = partial(fields["psf_from"], pitch=pitch, whole="enclosed" not in made.psf_options)
+            made = replace(made, psf_from=star)
     except ConfigurationError as error:
-        text = str(error)
-        raise ConfigurationError(
-            error.code, text if text.startswith(str(path)) else f"{path}: {text}"
-        ) from None
+        text = str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
+        raise ConfigurationError(error.code, text) from None
     if "telescope" in sections and (diameter := sections["telescope"].number("diameter")) and made.spectrum:
         width = np.mean(made.spectrum.wavelengths) * 1e-9 / diameter * ARCSEC_PER_RADIAN / made.plate_scale
         if not _WIDTHS[0] < width < _WIDTHS[1]:
@@ -243,10 +239,8 @@ def _telescope(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")
         return {"pupil_from": partial(pupils.from_file, section.path("pupil"), diameter), "psf_from": None}
     section.require("diameter", "give it, in m, or a pupil file")
-    return {
-        "pupil_from": partial(pupils.plain, diameter, **_plain_options(section, diameter)),
-        "psf_from": None,
-    }
+    pupil = partial(pupils.plain, diameter, **_plain_options(section, diameter))
+    return {"pupil_from": pupil, "psf_from": None}
 
 
 def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
@@ -257,11 +251,8 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
         "samples": section.integer("samples", 256),
     }
     if not 0 <= options["obscuration"] < diameter:
-        section.refuse(
-            ErrorCode.OUT_OF_RANGE,
-            "obscuration",
-            f"give its diameter in m, less than the aperture's {diameter:g}",
-        )
+        remedy = f"give its diameter in m, less than the aperture's {diameter:g}"
+        section.refuse(ErrorCode.OUT_OF_RANGE, "obscuration", remedy)
     for key, least in (("struts", 0), ("strut_width", 0.0), ("samples", 16)):
         if options[key] < least:
             section.refuse(ErrorCode.OUT_OF_RANGE, key, f"give at least {least}")

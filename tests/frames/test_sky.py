@@ -171,7 +171,7 @@ def test_turned_rows_keep_their_places_on_the_sky(keep):
 
 
 def plain(header):
-    return PlainHeader(header, header.tostring(endcard=False, padding=False))
+    return PlainHeader(header.tostring(endcard=False, padding=False).encode())
 
 
 def test_a_header_makes_the_wcs_it_describes():
