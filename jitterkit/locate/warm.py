@@ -45,6 +45,9 @@ _AROUND = 1.5
 _TOLERANCE, _STEPS = 0.05, 20
 """Standard errors that a start may be off, and evaluations at most."""
 
+_EXPANSIONS = 8
+"""Of the optics, at most: two do on TOLIMAN, and up to six where focus shows by its square."""
+
 _UNSEEN = 0.5
 """Sigmas of the whole image that linearised optics may be off by: less than a twentieth of an error of the
 moments, to which a test holds it with both comas of a small telescope."""
@@ -246,7 +249,7 @@ class ReferenceFrame:
             self.free,
             Prior.none(len(self.free)),
             max_error=_UNSEEN,
-            max_expansions=4,
+            max_expansions=_EXPANSIONS,
             max_steps=_STEPS,
             tolerance=_TOLERANCE,
             known=self.information * np.outer(root, root),
