@@ -17,10 +17,10 @@ from jitterkit.optics.otf import OTF, Further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 
-_EVEN = 0.2
-"""Effect of a mode about no aberrations, as a share of the largest of a mode of the same rms, below which its
-square may be all that shows: 0.02 to 0.07 of focus and astigmatism behind symmetric pupils with a spider, 0.4
-and more behind TOLIMAN's."""
+_EVEN = 0.1
+"""Effect of a mode about no aberrations on the transfer function, as a share of it for each rad rms, below
+which its square may be all that shows: 0.01 to 0.03 of focus and astigmatism behind symmetric pupils with a
+spider, 0.3 and more of other modes and behind other pupils."""
 
 
 class Optics(Protocol):
@@ -92,8 +92,8 @@ class OpticalSystem:
         """Places of the modes that hardly change the image about no aberrations, unless by their squares."""
         size = self.mode_phases
         slopes = np.asarray(self.nominal.slopes[: len(size)])
-        effect = np.sqrt(np.sum(slopes**2, axis=(1, 2, 3))) / np.where(size > 0, size, np.inf)
-        return np.flatnonzero(effect < _EVEN * effect.max(initial=0.0)).tolist()
+        effect = np.sqrt(np.sum(slopes**2, axis=(1, 2, 3))) / np.linalg.norm(self.nominal.value)
+        return np.flatnonzero((effect < _EVEN * size) & (size > 0)).tolist()
 
     @cached_property
     def _gram(self) -> np.ndarray:

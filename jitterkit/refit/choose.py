@@ -195,7 +195,8 @@ def _of_any_shape(normal: FitResult, step: CumulantStep, otf: OTF) -> FitResult:
     every = parameter_names(normal.parameters, otf.names)
     vector, unravel = to_vector(normal.parameters)
     parameters = unravel(vector.at[np.array([every.index(name) for name in normal.names])].add(change))
-    return replace(normal, parameters=parameters, covariance=normal.covariance + variance)
+    wider = normal.covariance + variance
+    return replace(normal, parameters=parameters, covariance=wider, off_maximum=(change, variance))
 
 
 def _may_be_straight(normal: FitResult) -> bool:

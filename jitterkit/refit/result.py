@@ -55,8 +55,9 @@ _CODES = {
 _STRAIGHT = {"linear": -1.2, "shm": -1.5}
 """Excess kurtosis of a drift and of a vibration, along their axis: their moments differ by it."""
 
-DECIDED = 0.95
-"""Weight from which on a locus is the only one worth naming."""
+_TOLD, _POSSIBLE, _ALONE = 0.06, 1e-3, 0.95
+"""Error of a kurtosis, a fifth of their difference, from which a frame may take one for the other; the least
+weight that each of them then has, and that of both together."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,8 @@ class FitResult:
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN
         where no jitter was detected or the locus was not to be chosen.
+    off_maximum : ((p,) array, (p, p) array) or None
+        What an unknown shape of the blur adds to the values at the maximum, and to their covariance.
     further_limit : float
         Electrons of a further star that would have been found, by
         :meth:`~jitterkit.locate.Residual.hidden`; NaN where none was looked for.
@@ -159,6 +162,7 @@ class FitResult:
     candidates: tuple[Candidate, ...] = ()
     shape: float = float("nan")
     shape_err: float = float("nan")
+    off_maximum: tuple[np.ndarray, np.ndarray] | None = None
     further_limit: float = float("nan")
     model_error: float = 0.0
     model_covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -219,6 +223,14 @@ class FitResult:
             return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
         return ""
 
+    def moved(self, parameters: Parameters, covariance: np.ndarray) -> FitResult:
+        """Return the result with other values and errors; its candidates' moments move as its own do."""
+        assert self.parameters is not None
+        step = np.asarray(parameters.locus.moments()) - np.asarray(self.parameters.locus.moments())
+        there = [tuple((np.asarray(one.moments) + step).tolist()) for one in self.candidates]
+        candidates = tuple(replace(c, moments=m) for c, m in zip(self.candidates, there, strict=True))
+        return replace(self, parameters=parameters, covariance=covariance, candidates=candidates)
+
     @property
     def reason(self) -> str:
         """Value of the error code that says why the frame is not usable; empty for a usable one."""
@@ -276,19 +288,22 @@ class FitResult:
         """Second moments ``(Sxx, Sxy, Syy)`` [arcsec²] of the blur and their covariance.
 
         Those of the fitted locus; the covariance holds what not knowing the locus adds: the weighted mean
-        square by which the moments of the candidates differ from those of the fitted one.  Where a frame does
-        not tell a drift from a vibration, those that go with the kurtosis that it shows, because the mean of
-        frames of a drift would else be that of some vibrations too.
+        square by which the moments of the candidates differ from those of the fitted one.  Where a frame may
+        take a drift for a vibration, those that go with the kurtosis that it shows: the mean of frames of a
+        drift would else be that of some vibrations too.
         """
         if self.parameters is None:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
         likely = {c.locus: c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))}
-        undecided = likely.keys() >= _STRAIGHT.keys() and self.locus_weight < DECIDED
-        if undecided and self.locus in _STRAIGHT and np.isfinite(self.shape_err):
-            (one, there), (other, here) = ((likely[name], k) for name, k in _STRAIGHT.items())
-            slope = (np.asarray(one.moments) - other.moments) / (there - here)
-            moments = moments + (self.shape - _STRAIGHT[self.locus]) * slope
+        straight = [c.weight for name, c in likely.items() if name in _STRAIGHT]
+        possible = len(straight) > 1 and min(straight) > _POSSIBLE and sum(straight) > _ALONE
+        if possible and self.locus in _STRAIGHT and self.shape_err > _TOLD:
+            (one, a), (other, b) = ((likely[name], k) for name, k in _STRAIGHT.items())
+            slope = (np.asarray(one.moments) - other.moments) / (a - b)
+            # by both fits, not by one step: objectives are squares of the distance from what is shown
+            shown = (a + b - (one.objective - other.objective) * self.shape_err**2 / (a - b)) / 2
+            moments = moments + (shown - _STRAIGHT[self.locus]) * slope
             return moments, covariance + self.shape_err**2 * np.outer(slope, slope)
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)

@@ -60,11 +60,14 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
 
     Notes
     -----
-    A mode does if its own effect about zero tells less of it than its square does, and if its value may be
-    noise.  One that is known better beforehand does not matter.
+    A mode does if its own effect about zero tells less of it than three times what its square does, and if
+    its value may be noise.  One that is known better beforehand does not matter.  Left out are fits that
+    allow for an error of the model, and modes in which B differs.
     """
     system = optics.system if isinstance(optics, AnchoredOptics) else optics
     if fit.status is not Status.OK or fit.parameters is None or not isinstance(system, OpticalSystem):
+        return fit
+    if fit.model_error or data.model_variance is not None:
         return fit
     names, value, held = system.nominal.names, np.array(fit.parameters.aberrations), held_with(options.hold)
     even = chosen = [i for i in system.even_modes if names[i] not in held]
@@ -74,7 +77,7 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
         state[chosen] = 0.0
         otf = _with_squares(optics, state, even, system.mode_phases)
         frame = _Frame.of(fit, data, otf, state, even)
-        by_itself, by_square = frame.information_on(chosen, fit)
+        by_itself, by_square = frame.information_on(chosen, fit, options.priors)
         spread = by_square**-0.25
         unseen = [
             i
@@ -168,13 +171,15 @@ class _Frame(NamedTuple):
         told = np.asarray(equations.score), np.asarray(equations.information)
         return cls(optics, tuple(every[i] for i in free), values, *told)
 
-    def information_on(self, modes: list[int], fit: FitResult) -> tuple[np.ndarray, np.ndarray]:
+    def information_on(
+        self, modes: list[int], fit: FitResult, priors: Priors
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the information on modes and on their squares, all else that was fitted unknown."""
         asked = [self.names.index(self.optics[i]) for i in modes]
         asked += [self.names.index(_product(self.optics, i, i)) for i in modes]
         others = [i for i, name in enumerate(self.names) if name in fit.names and i not in asked]
-        across = self.information[np.ix_(others, asked)]
-        inverse, _ = invert_information(self.information[np.ix_(others, others)])
+        across, known = self.information[np.ix_(others, asked)], priors.over(self.names).precision
+        inverse, _ = invert_information((self.information + known)[np.ix_(others, others)])
         told = np.diag(self.information)[asked] - np.sum(across * (inverse @ across), axis=0)
         by_itself, by_square = np.split(np.maximum(told, np.finfo(float).tiny), 2)
         return by_itself, by_square
@@ -208,19 +213,18 @@ class _Frame(NamedTuple):
         if not sound:
             return fit
         change = covariance @ (self.score[index] - pull)
+        beside, variance = fit.off_maximum or (np.zeros(len(fit.names)), np.zeros_like(fit.covariance))
         free = [i for i, name in enumerate(fit.names) if name not in weak]
         held = [i for i, name in enumerate(fit.names) if name in weak]
         mine = [names.index(fit.names[i]) for i in free]
         vector, rebuild = to_vector(fit.parameters)
         every = parameter_names(fit.parameters, self.optics)
-        parameters = rebuild(vector.at[np.array([every.index(fit.names[i]) for i in free])].add(change[mine]))
+        parameters = rebuild(
+            vector.at[np.array([every.index(fit.names[i]) for i in free])].add(change[mine] + beside[free])
+        )
         if not parameters.scene.is_valid():
             return fit
         wider = np.zeros_like(fit.covariance)
-        wider[np.ix_(free, free)] = covariance[np.ix_(mine, mine)]
+        wider[np.ix_(free, free)] = covariance[np.ix_(mine, mine)] + variance[np.ix_(free, free)]
         wider[np.ix_(held, held)] = fit.covariance[np.ix_(held, held)]
-        moved = np.asarray(parameters.locus.moments()) - moments
-        candidates = tuple(
-            replace(one, moments=tuple((np.asarray(one.moments) + moved).tolist())) for one in fit.candidates
-        )
-        return replace(fit, parameters=parameters, covariance=wider, candidates=candidates)
+        return fit.moved(parameters, wider)

@@ -7,9 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from jitterkit.refit.evidence import log_evidence
-from jitterkit.refit.result import DECIDED, Candidate, FitResult, Status
+from jitterkit.refit.result import Candidate, FitResult, Status
 
 __all__ = ["Tried", "describe_undecided", "weigh", "weight_of_evidence"]
+
+_CERTAIN = 0.95
+"""Weight above which a frame has decided."""
 
 
 def weight_of_evidence(fit: FitResult) -> float:
@@ -46,7 +49,7 @@ def _moments(fit: FitResult) -> tuple[float, float, float]:
 def describe_undecided(candidates: tuple[Candidate, ...]) -> str:
     """A sentence where the least number of loci that hold 95 % of the weight is more than one."""
     held = np.cumsum([one.weight for one in candidates])
-    likely = candidates[: int(np.searchsorted(held, DECIDED)) + 1]
+    likely = candidates[: int(np.searchsorted(held, _CERTAIN)) + 1]
     if len(likely) < 2:
         return ""
     names = [one.locus for one in likely]

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_images import pupil_places, star_image
+from own_images import drift, pupil_places, star_image
 
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.optics import obstructed_circle
-from jitterkit.refit import FitOptions, Priors, Status, fit_locus
+from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_frame
 from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
 
@@ -39,8 +39,8 @@ def image(focus, blur=((0, 0, 1.0),)):
 
 
 def fitted(pixels, optics, options=None, state=(4.0, -3.0, 3.0)):
-    start = Parameters(Star(0.62, -1.08, 0.98 * LIGHT), Mvn.of(0.1), state)
-    return fit_locus("mvn", Data(pixels, 9.0), optics, start, np.zeros(3), options=options)
+    start = Parameters(Star(0.62, -1.08, 0.98 * LIGHT), Mvn.near(np.full(3, 1e-3)), state)
+    return fit_frame(Data(pixels, 9.0), optics, start, options=options)
 
 
 def off(result):
@@ -83,6 +83,31 @@ def test_what_is_known_or_held_or_seen_by_itself_stays(symmetric, optics):
     ):
         plain = fitted(pixels, telescope, options, state)
         assert freed(plain, pixels, telescope, options) is plain
+
+
+def test_errors_of_a_blur_of_unknown_shape_stay_with_free_squares(symmetric):
+    """The normal's values go with a mean kurtosis, which a step back to the maximum would undo."""
+    light, blur = 3e4, drift(0.6, 30)
+    pixels = star_image(0.6, -1.1, light, blur) + 2.0
+    start = Parameters(Star(0.62, -1.08, light), Mvn.of(0.1), (4.0, -3.0, 3.0))
+    plain = fit_best_locus(Data(pixels, 9.0), symmetric, start, np.array([0.02, 0.0, 0.02]))
+    (change, variance), place = plain.off_maximum, plain.names.index("mvn_xx")
+    result = freed(plain, pixels, symmetric)
+    normal = freed(replace(plain, off_maximum=None), pixels, symmetric)
+    assert result.moments()[0][0] == pytest.approx(normal.moments()[0][0] + change[place], rel=1e-6)
+    assert result.covariance[place, place] == pytest.approx(
+        normal.covariance[place, place] + variance[place, place], rel=1e-6
+    )
+    truth = 0.6**2 / 12 * np.cos(np.radians(30)) ** 2
+    assert abs(result.moments()[0][0] - truth) < 0.6 * np.sqrt(result.covariance[place, place])
+
+
+@pytest.mark.parametrize(("noll", "even"), [((4,), [0]), ((4, 5, 6), [0, 1, 2]), ((7, 8), []), ((), [])])
+def test_modes_that_may_show_by_their_squares_are_those_that_are_their_own_mirror_image(
+    noll, even, telescope
+):
+    pupil = obstructed_circle(0.125, 0.04, samples=64, noll=noll)
+    assert replace(telescope, pupil_from=lambda: pupil).system().even_modes == even
 
 
 @pytest.mark.slow
