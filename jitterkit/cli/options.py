@@ -26,10 +26,6 @@ OF_PAIRS = ("separation", "theta", "contrast")
 """Options that only a pair uses."""
 
 
-def _in_one_line(text: str) -> str:
-    return " ".join(text.split())
-
-
 Files = Annotated[
     list[Path], typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.")
 ]
@@ -47,21 +43,29 @@ TableOutput = Annotated[Path | None, typer.Option("--output", "-o", metavar="FIL
 _SCENE = "Scene of the frames; auto is the simplest scene that they support."
 SceneName = Annotated[str, typer.Option(metavar="auto|star|binary|stars", help=_SCENE)]
 
-_BACKGROUND = """Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a
-separation by 43 µas."""
-Background = Annotated[bool, typer.Option(help=_in_one_line(_BACKGROUND))]
+_BACKGROUND = (
+    "Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a "
+    "separation by 43 µas."
+)
+Background = Annotated[bool, typer.Option(help=_BACKGROUND)]
 
-_MODEL_ERROR = """Error of the modelled light in each pixel, as a share of it, where the optics are not known
-exactly: added to the noise; auto takes what each frame shows."""
-ModelError = Annotated[str, typer.Option(metavar="FRACTION|auto", help=_in_one_line(_MODEL_ERROR))]
+_MODEL_ERROR = (
+    "Error of the modelled light in each pixel, as a share of it, where the optics are not known "
+    "exactly: added to the noise; auto takes what each frame shows."
+)
+ModelError = Annotated[str, typer.Option(metavar="FRACTION|auto", help=_MODEL_ERROR)]
 
-_CENSORED = """Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This
-keeps the error small, and needs a response that is linear up to saturation."""
-Censored = Annotated[bool, typer.Option(help=_in_one_line(_CENSORED))]
+_CENSORED = (
+    "Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This "
+    "keeps the error small, and needs a response that is linear up to saturation."
+)
+Censored = Annotated[bool, typer.Option(help=_CENSORED)]
 
-_KIND = """Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or points of
-a drawn curve, with power laws between them. By default their spacing decides."""
-SpectrumKind = Annotated[str | None, typer.Option(metavar="bins|curve", help=_in_one_line(_KIND))]
+_KIND = (
+    "Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or points of "
+    "a drawn curve, with power laws between them. By default their spacing decides."
+)
+SpectrumKind = Annotated[str | None, typer.Option(metavar="bins|curve", help=_KIND)]
 
 
 _LOCUS = typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")

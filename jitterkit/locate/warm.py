@@ -46,7 +46,8 @@ _TOLERANCE, _STEPS = 0.05, 20
 """Standard errors that a start may be off, and evaluations at most."""
 
 _EXPANSIONS = 8
-"""Of the optics, at most: two do on TOLIMAN, and up to six where focus shows by its square."""
+"""Of the optics, at most: four left half of the frames of ``smallsat`` unsettled, where focus shows by its
+square."""
 
 _UNSEEN = 0.5
 """Sigmas of the whole image that linearised optics may be off by: less than a twentieth of an error of the
