@@ -56,10 +56,11 @@ _CODES = {
 STRAIGHT = {"linear": -1.2, "shm": -1.5}
 """Excess kurtosis of a drift and of a vibration, along their axis: their moments differ by it."""
 
-_TOLD, _ALONE = 0.075, 0.95
+_TOLD, _POSSIBLE = 0.075, 0.05
 """Error of a kurtosis from which a frame may take one for the other, a quarter of their difference: two in a
-hundred do, and move the mean of all moments by a tenth of an error.  Least weight of both together: which of
-them has more does not matter, because frames that are sure by chance belong to the mean too."""
+hundred do, and move the mean of all moments by a tenth of an error.  Weight of both together from which a
+blur may be straight: which of them has more does not matter, because frames that are sure by chance belong
+to the mean too."""
 
 
 @dataclass(frozen=True)
@@ -295,23 +296,24 @@ class FitResult:
 
         Those of the fitted locus; the covariance holds what not knowing the locus adds: the weighted mean
         square by which the moments of the candidates differ from those of the fitted one.  Where a frame may
-        take a drift for a vibration, those that go with the kurtosis that it shows: the mean of frames of a
-        drift would else be that of some vibrations too.
+        take a drift for a vibration, or for a normal blur, those that go with the kurtosis that it shows: the
+        mean of frames of a drift would else be that of some of the others too.
         """
         if self.parameters is None:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
         likely = {c.locus: c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))}
         straight = [c.weight for name, c in likely.items() if name in STRAIGHT]
-        possible = len(straight) > 1 and sum(straight) > _ALONE
         error = self.shape_err if math.isnan(self.straight_err) else self.straight_err
-        if possible and self.locus in STRAIGHT and error > _TOLD:
+        own = (STRAIGHT | {"mvn": 0.0}).get(self.locus)
+        if own is not None and len(straight) > 1 and sum(straight) > _POSSIBLE and error > _TOLD:
             (one, a), (other, b) = ((likely[name], k) for name, k in STRAIGHT.items())
             slope = (np.asarray(one.moments) - other.moments) / (a - b)
             # by both fits, not by one step: objectives are squares of the distance from what is shown
             shown = (a + b - (one.objective - other.objective) * error**2 / (a - b)) / 2
-            moments = moments + (shown - STRAIGHT[self.locus]) * slope
-            return moments, covariance + error**2 * np.outer(slope, slope)
+            moments = moments + (shown - own) * slope
+            covariance = covariance + error**2 * np.outer(slope, slope)
+            likely = {name: c for name, c in likely.items() if name not in (*STRAIGHT, "mvn")}
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)
 
