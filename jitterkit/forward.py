@@ -163,10 +163,8 @@ def free_parameters(
     every = parameter_names(parameters, otf.names)
     unknown = [name for name in hold if name not in every]
     if unknown:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}.",
-        )
+        problem = f"There is no parameter {unknown[0]!r} to hold; there are {', '.join(every)}."
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
     colours = parameters.scene.colours
     known = colours if otf.tints is None or otf.colours is None else otf.colours.held(colours)
     nothing = set(otf.names) - set(otf.varied(parameters.scene))

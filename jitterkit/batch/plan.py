@@ -115,9 +115,8 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         If there are fewer or more counts than files.
     """
     if size < 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A batch cannot have {size} frames; give one or more."
-        )
+        problem = f"A batch cannot have {size} frames; give one or more."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     items = ((path, index) for path, n in zip(files, counts, strict=True) for index in range(n))
     references: tuple[Item, ...] = ()
     for number in count():

@@ -103,10 +103,8 @@ class FrameProcessor:
             _warn_of_32_bits()
         estimator(self.kernel)
         if self.scene not in (AUTO, *SCENES):
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There is no scene {self.scene!r}; give one of {', '.join((AUTO, *SCENES))}.",
-            )
+            problem = f"There is no scene {self.scene!r}; give one of {', '.join((AUTO, *SCENES))}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         if self.locus != AUTO:
             locus_class(self.locus)
         Metadata().apply("command line", **self.overrides)

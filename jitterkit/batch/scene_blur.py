@@ -54,10 +54,8 @@ class SceneBlurEstimator:
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}.",
-            )
+            problem = f"There is no blind estimator {self.method!r}; choose from {', '.join(METHODS)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
 
     @property
     def name(self) -> str:
@@ -103,9 +101,8 @@ class SceneBlurEstimator:
             If the reference is of another shape than a scene without stars.
         """
         if self.reference is not None and is_same(raw, self.reference):
-            raise UndeterminedError(
-                ErrorCode.IS_REFERENCE, f"{raw.name} is the reference that the others are compared with."
-            )
+            problem = f"{raw.name} is the reference that the others are compared with."
+            raise UndeterminedError(ErrorCode.IS_REFERENCE, problem)
         frame = self._electrons(raw)
         return self._field(frame) if self._shows_stars else self._extended(frame)
 

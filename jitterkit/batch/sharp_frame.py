@@ -49,10 +49,8 @@ def check_reference(
         _check_view(sharp, _sizes(paths, hdu))
     alone = sharp.path is not None and not sharp.several
     if alone and {path.resolve() for path in find_files(paths)} == {Path(sharp.path).resolve()}:  # type: ignore[arg-type]
-        raise ConfigurationError(
-            ErrorCode.BAD_REFERENCE,
-            f"{sharp.name} is the reference and the only frame; give frames to compare with it.",
-        )
+        problem = f"{sharp.name} is the reference and the only frame; give frames to compare with it."
+        raise ConfigurationError(ErrorCode.BAD_REFERENCE, problem)
 
 
 def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
@@ -102,9 +100,8 @@ def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
 
 
 def _refusal(code: ErrorCode, sharp: Frame, problem: str) -> ConfigurationError:
-    return ConfigurationError(
-        code, f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
-    )
+    message = f"{sharp.name} cannot serve as reference: {problem}; give another sharp frame."
+    return ConfigurationError(code, message)
 
 
 def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> None:

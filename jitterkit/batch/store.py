@@ -153,11 +153,9 @@ class Store(AbstractContextManager["Store"]):
         store = cls(Path(directory) / STORE)
         with store._closed_on_error():
             if store._has_run and not overwrite:
-                raise ConfigurationError(
-                    ErrorCode.EXISTS,
-                    f"{printable(store.path)} holds a run already; give --resume to continue it, "
-                    "--overwrite to start again, or another directory.",
-                )
+                problem = f"{printable(store.path)} holds a run already"
+                remedy = "give --resume to continue it, --overwrite to start again, or another directory"
+                raise ConfigurationError(ErrorCode.EXISTS, f"{problem}; {remedy}.")
             for name in results if overwrite else ():  # first: whatever kills it now, none outlive their run
                 try:
                     (store.path.parent / name).unlink(missing_ok=True)
@@ -384,11 +382,9 @@ class Store(AbstractContextManager["Store"]):
 def _refuse_results(directory: Path, results: Iterable[str]) -> None:
     """Raise if a directory has results of a run but no ledger of it."""
     if present := [name for name in results if (directory / name).exists()]:
-        raise ConfigurationError(
-            ErrorCode.EXISTS,
-            f"{printable(directory)} holds {present[0]} but no ledger of a run to continue; give "
-            "--overwrite instead of --resume to replace it, or another directory.",
-        )
+        problem = f"{printable(directory)} holds {present[0]} but no ledger of a run to continue"
+        remedy = "give --overwrite instead of --resume to replace it, or another directory"
+        raise ConfigurationError(ErrorCode.EXISTS, f"{problem}; {remedy}.")
 
 
 def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:

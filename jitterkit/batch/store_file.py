@@ -143,10 +143,8 @@ def _recognise(path: Path, connection: sqlite3.Connection) -> None:
     if _is_empty(connection):
         return
     if _pragma(connection, "application_id") != _APPLICATION:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_FORMAT,
-            f"{printable(path)} is a database but no ledger; give another directory.",
-        )
+        problem = f"{printable(path)} is a database but no ledger; give another directory."
+        raise ConfigurationError(ErrorCode.UNKNOWN_FORMAT, problem)
     if (found := _pragma(connection, "user_version")) != _FORMAT:
         raise ConfigurationError(
             ErrorCode.UNSUPPORTED,
@@ -184,41 +182,28 @@ def translate_errors(path: Path) -> Iterator[None]:
 def _translated(path: Path, error: Exception) -> ConfigurationError:
     code, file, directory = _code(error), printable(path), printable(path.parent)
     if code in _LOCKED:
-        return ConfigurationError(
-            ErrorCode.LOCKED,
-            f"Another run is writing to {directory} (if there is none, its disk cannot lock files); wait "
-            "for it, or give another directory.",
-        )
+        problem = f"Another run is writing to {directory} (if there is none, its disk cannot lock files)"
+        return ConfigurationError(ErrorCode.LOCKED, f"{problem}; wait for it, or give another directory.")
     if code == sqlite3.SQLITE_FULL:
-        return ConfigurationError(
-            ErrorCode.NOT_WRITABLE,
-            f"{file} cannot grow ({error}); free some space and resume the run: its results so far are kept.",
-        )
+        problem = f"{file} cannot grow ({error}); free some space and resume the run"
+        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}: its results so far are kept.")
     if code in _BROKEN:
-        return ConfigurationError(
-            ErrorCode.NOT_WRITABLE,
-            f"{file} cannot be read or written ({error}); look at its disk (space, quota, connection) and "
-            "resume the run: what it did is kept.",
-        )
+        problem = f"{file} cannot be read or written ({error})"
+        remedy = "look at its disk (space, quota, connection) and resume the run: what it did is kept"
+        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}; {remedy}.")
     return unwritable(path, error) if code in _CLOSED else _damaged(path, error)
 
 
 def unwritable(path: Path, problem: object) -> ConfigurationError:
     """Return the error of a file that may only be read, or not even that."""
-    return ConfigurationError(
-        ErrorCode.NOT_WRITABLE,
-        f"{printable(path)} cannot be written ({problem}); give a directory that can, or look at its "
-        "permissions.",
-    )
+    message = f"{printable(path)} cannot be written ({problem}); give a directory that can"
+    return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{message}, or look at its permissions.")
 
 
 def _damaged(path: Path, problem: object) -> ConfigurationError:
     what = " ".join(printable(problem).replace(r"\n", " ").split())
-    return ConfigurationError(
-        ErrorCode.DAMAGED,
-        f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again, or give another "
-        "directory.",
-    )
+    message = f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again"
+    return ConfigurationError(ErrorCode.DAMAGED, f"{message}, or give another directory.")
 
 
 def _code(error: BaseException | None) -> int:

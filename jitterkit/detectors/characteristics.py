@@ -114,10 +114,8 @@ def _check_bits(bits: Any, bias: Any) -> None:
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     for level in () if bias is None else (np.nanmin(bias), np.nanmax(bias)):
         if not 0 <= level < 2**bits:
-            raise ConfigurationError(
-                ErrorCode.CONFLICT,
-                f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}; correct one.",
-            )
+            problem = f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}"
+            raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct one.")
 
 
 def _check_flat(flat: Any) -> None:

@@ -49,10 +49,9 @@ def read_page(topic: str) -> str:
     pages = _pages()
     name = topic.removesuffix(".md").removeprefix("commands/")
     if name not in pages:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no page {topic!r}; {did_you_mean(name, pages)}'jitterkit docs' lists the pages.",
-        )
+        problem = f"There is no page {topic!r}"
+        remedy = f"{did_you_mean(name, pages)}'jitterkit docs' lists the pages"
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
     return pages[name]
 
 

@@ -202,9 +202,8 @@ class Comparison:
         )
         if not (data.any() and image.any()):
             problem = f"A part of {' x '.join(map(str, self.one.shape[::-1]))} pixels shows only its borders"
-            raise UndeterminedError(
-                ErrorCode.NO_SIGNAL, f"{problem}; give frames that show more in the middle."
-            )
+            message = f"{problem}; give frames that show more in the middle."
+            raise UndeterminedError(ErrorCode.NO_SIGNAL, message)
         gain = max(float(np.vdot(image, data).real / np.vdot(image, image).real), _LEAST_GAIN)
         rest, total = (float(np.sum(np.abs(a) ** 2)) for a in (data - gain * image, data))
         return rest / total, p[0] + float(np.log(gain))

@@ -105,11 +105,9 @@ def _stack(frames: Any) -> np.ndarray:
     else:
         array = np.stack([_pixels(frame) for frame in frames])
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise JitterkitError(
-            ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE,
-            f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames; "
-            "give real numbers of shape (ny, nx) or (n, ny, nx).",
-        )
+        code = ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE
+        problem = f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames"
+        raise JitterkitError(code, f"{problem}; give real numbers of shape (ny, nx) or (n, ny, nx).")
     return array.astype(np.uint8) if array.dtype.kind == "b" else array
 
 

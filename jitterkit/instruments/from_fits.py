@@ -119,10 +119,9 @@ def instrument_from_fits(
 def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
     known = is_pupil(images) if kind is None else kind == "pupil"
     if known is None or kind not in (None, "psf", "pupil"):
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME,
-            f"{path}: whether it is a PSF or a pupil is not said (kind = {kind}); give --kind psf or pupil.",
-        )
+        code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
+        problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
+        raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
     return "pupil" if known else "psf"
 
 

@@ -196,10 +196,8 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         problem = f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "pupil_from" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file.",
-        )
+        problem = f"{path}: there is neither a [telescope] nor a [psf]; add one of them"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}, with diameter or file.")
     if fields["pupil_from"] is not None and "spectrum" not in fields:
         problem = f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)

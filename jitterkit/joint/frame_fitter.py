@@ -116,11 +116,9 @@ class FrameFitter:
         locus_class(self.locus)
         check_model_error(self.model_error)
         if self.scene not in ("auto", Binary.name):
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"A sequence is of a pair: scene {self.scene!r} is none of auto, {Binary.name}; "
-                "'jitterkit process' fits the others.",
-            )
+            problem = f"A sequence is of a pair: scene {self.scene!r} is none of auto, {Binary.name}"
+            remedy = "'jitterkit process' fits the others"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
         if self.diffusion and self.locus not in _STRAIGHT and self.priors.moments is None:
             raise ConfigurationError(
                 ErrorCode.NOT_CONSTRAINED,

@@ -142,11 +142,9 @@ class _Run:
         self.given = {name: time_models.get(name, Constant()) for name in fitter.shared}
         unknown = [name for name in options.time_models if name not in (*fitter.shared, "aberrations")]
         if unknown:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"{unknown[0]!r} is not shared by the frames; there are {', '.join(fitter.shared)}, and "
-                "'aberrations' for all of those.",
-            )
+            problem = f"{unknown[0]!r} is not shared by the frames"
+            remedy = f"there are {', '.join(fitter.shared)}, and 'aberrations' for all of those"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
 
     def fit(self) -> SequenceFit:
         began = time.perf_counter()
@@ -297,11 +295,8 @@ def _require_fitted(summaries: LikelihoodSummaries, records: Records) -> tuple[L
         code = ErrorCode.NO_DATA
         if first is not None:  # a fitted frame has no reason: its covariance is infinite
             code = ErrorCode(first.reason or ErrorCode.NOT_CONSTRAINED)
-        raise JitterkitError(
-            code,
-            f"No frame of the sequence can be fitted{why} If they are of another telescope, give its "
-            "instrument.",
-        )
+        problem = f"No frame of the sequence can be fitted{why} If they are of another telescope"
+        raise JitterkitError(code, f"{problem}, give its instrument.")
     return summaries, records
 
 

@@ -119,10 +119,8 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
         If the trace does not cover the exposures, or has a gap in one, or these have no length.
     """
     if not exposure > 0:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "The frames do not say how long they were exposed; give --exposure, in s.",
-        )
+        problem = "The frames do not say how long they were exposed; give --exposure, in s."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     t, x, y = (np.asarray(v, float) for v in trace)
     times = np.asarray(times, float)
     begin, end = times - exposure / 2, times + exposure / 2
@@ -136,10 +134,8 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
         )
     for gap in trace_gaps(t):
         if np.any((begin < t[gap + 1] - slack) & (end > t[gap] + slack)):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The telemetry has a gap from {t[gap]:g} to {t[gap + 1]:g} s, in which a frame is exposed; "
-                "leave out the frame, or the telemetry.",
-            )
+            problem = f"The telemetry has a gap from {t[gap]:g} to {t[gap + 1]:g} s"
+            found = "in which a frame is exposed; leave out the frame, or the telemetry"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
     return np.nan_to_num(np.stack(ends, axis=1) / exposure)

@@ -87,11 +87,9 @@ class PartialShm(Locus):
             problem = f"A streak's length must not be negative, in arcsec; got {length}."
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not _LEAST <= cycles <= _MOST:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"A partial vibration has {_LEAST:g} to {_MOST:g} cycles an exposure, got {cycles:g}; "
-                "with fewer it is a linear streak, with more an shm.",
-            )
+            problem = f"A partial vibration has {_LEAST:g} to {_MOST:g} cycles an exposure"
+            found = f"got {cycles:g}; with fewer it is a linear streak, with more an shm"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
         odd, even = _amplitudes(cycles)
         psi, phi = math.radians(phase), math.radians(angle)
         rms = math.hypot(odd * math.cos(psi), even * math.sin(psi))

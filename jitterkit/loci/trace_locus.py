@@ -249,9 +249,8 @@ def _refuse_wrapped(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
         jumps = np.flatnonzero(np.abs(np.diff(values)) > _HALF_TURN)
         if jumps.size:
             problem = f"{name} jumps by more than half a turn after {t[jumps[0]]:g} s"
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"{problem}; unwrap the angles, or check the unit."
-            )
+            message = f"{problem}; unwrap the angles, or check the unit."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
 
 
 _HALF_TURN = 180 * 3600

@@ -55,11 +55,9 @@ def pupil_from_dlux(system: Any, names: Sequence[str] | None = None) -> Pupil:
     bases held as arrays become free aberrations; those of dLux's dynamic apertures are frozen.
     """
     if not (getattr(system, "layers", None) and hasattr(system, "initialise_wavefront")):
-        raise ConfigurationError(
-            ErrorCode.WRONG_TYPE,
-            f"Expected a dLux optical system made of layers, got {type(system).__name__}; "
-            "pass an AngularOpticalSystem or a LayeredOpticalSystem.",
-        )
+        problem = f"Expected a dLux optical system made of layers, got {type(system).__name__}"
+        remedy = "pass an AngularOpticalSystem or a LayeredOpticalSystem"
+        raise ConfigurationError(ErrorCode.WRONG_TYPE, f"{problem}; {remedy}.")
     with jax.enable_x64(True):
         field = _field(system, _LONG)
         opd = np.angle(field) * _LONG / (2 * np.pi) * 1e9
@@ -77,11 +75,9 @@ def _field(system, wavelength):
     for name, layer in system.layers.items():
         wavefront = layer(wavefront)
         if wavefront.npixels != samples or not np.isclose(float(wavefront.pixel_scale), pitch):
-            raise ConfigurationError(
-                ErrorCode.UNSUPPORTED,
-                f"The dLux layer {name!r} changes the wavefront's sampling; only systems whose layers "
-                "all lie in one pupil can be used.",
-            )
+            problem = f"The dLux layer {name!r} changes the wavefront's sampling"
+            remedy = "only systems whose layers all lie in one pupil can be used"
+            raise ConfigurationError(ErrorCode.UNSUPPORTED, f"{problem}; {remedy}.")
     return np.asarray(wavefront.phasor)
 
 

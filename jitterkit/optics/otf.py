@@ -304,9 +304,8 @@ class Further:
         if every.shape == (wavefront,):
             every = np.concatenate([every, np.zeros(len(self.sigmas))])
         if every.shape != (wavefront + len(self.sigmas),):
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"Expected {wavefront} aberrations, got shape {every.shape}."
-            )
+            problem = f"Expected {wavefront} aberrations, got shape {every.shape}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         return every[:modes], every[len(every) - len(self.of_b) :]
 
     @property

@@ -39,24 +39,18 @@ class Curve:
         wavelengths, values = (np.asarray(a, dtype=float) for a in (self.wavelengths, self.values))
         alike = wavelengths.ndim == 1 and wavelengths.shape == values.shape
         if not alike or len(wavelengths) < 2:
-            raise ConfigurationError(
-                ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE,
-                f"A curve cannot have {wavelengths.size} wavelengths and {values.size} values; give equal "
-                "numbers of both, two at least.",
-            )
+            code = ErrorCode.TOO_FEW if alike else ErrorCode.WRONG_SHAPE
+            problem = f"A curve cannot have {wavelengths.size} wavelengths and {values.size} values"
+            raise ConfigurationError(code, f"{problem}; give equal numbers of both, two at least.")
         in_place = np.isfinite(wavelengths) & (wavelengths > np.append(0.0, wavelengths[:-1]))
         if not in_place.all():
-            raise ConfigurationError(
-                ErrorCode.MALFORMED,
-                "A curve's wavelengths must be positive and ascend, in nm, and "
-                f"{wavelengths[~in_place][0]:g} is out of place; sort the table.",
-            )
+            problem = "A curve's wavelengths must be positive and ascend, in nm"
+            found = f"and {wavelengths[~in_place][0]:g} is out of place; sort the table"
+            raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}, {found}.")
         if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                "A curve must not be negative, nor zero everywhere, and this one reaches from "
-                f"{values.min():g} to {values.max():g}; correct the table.",
-            )
+            problem = "A curve must not be negative, nor zero everywhere"
+            found = f"and this one reaches from {values.min():g} to {values.max():g}; correct the table"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
         object.__setattr__(self, "wavelengths", wavelengths)
         object.__setattr__(self, "values", values)
 

@@ -56,10 +56,8 @@ class Posterior:
     def index(self, name: str) -> int:
         """Column of a parameter."""
         if name not in self.names:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There are no draws of {name!r}; there are of {', '.join(self.names)}.",
-            )
+            problem = f"There are no draws of {name!r}; there are of {', '.join(self.names)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         return self.names.index(name)
 
     def of(self, name: str) -> np.ndarray:

@@ -159,17 +159,13 @@ class _Target(eqx.Module):
 
 def _target(data, optics, fit: FitResult, priors: Priors) -> _Target:
     if fit.parameters is None or not fit.names:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"This fit has no free parameters to draw ({fit.message.rstrip('.')}); fit the frame first, with "
-            "some of them free.",
-        )
+        problem = f"This fit has no free parameters to draw ({fit.message.rstrip('.')})"
+        remedy = "fit the frame first, with some of them free"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; {remedy}.")
     if not np.all(np.isfinite(fit.covariance)):
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not determine all its parameters, so their posterior has no end; hold some of "
-            "them or give priors in the fit.",
-        )
+        problem = "The frame does not determine all its parameters, so their posterior has no end"
+        remedy = "hold some of them or give priors in the fit"
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
     otf = optics.otf(np.asarray(fit.parameters.aberrations))
     every = parameter_names(fit.parameters, otf.names)
     prior = priors.over(fit.names, fit.parameters.locus)
@@ -243,6 +239,5 @@ def _check(draws: int, chains: int, warmup: int) -> None:
     _blackjax()  # says how to install it
     for what, given, least in (("draws", draws, _LEAST_DRAWS), ("chains", chains, 1), ("warmup", warmup, 1)):
         if given < least:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"Sampling needs at least {least} for {what}, got {given}."
-            )
+            problem = f"Sampling needs at least {least} for {what}, got {given}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)

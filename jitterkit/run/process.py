@@ -174,9 +174,8 @@ def prepare_run(
         As for :func:`process_files`.
     """
     if overwrite and resume:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "--resume continues a run, --overwrite starts it again; give one of the two."
-        )
+        problem = "--resume continues a run, --overwrite starts it again; give one of the two."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     make_directory(directory, RUN, overwrite or resume)
     notes = {"command": command}
     if resume:
