@@ -13,7 +13,7 @@ from jitterkit.batch.diagnose import status_from_exception
 from jitterkit.batch.processor import FrameProcessor
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.reader import Duplicates
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics

@@ -15,7 +15,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.fits import NamedImage, read_images
 from jitterkit.frames.sidecar import toml_text
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays

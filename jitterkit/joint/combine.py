@@ -19,7 +19,7 @@ import scipy.stats
 
 from jitterkit.joint.filter import DIFFUSE, Filter, Model, measurement_update
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
-from jitterkit.joint.record_file import RecordFile
+from jitterkit.joint.records import RecordFile
 from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial, TimeModel
 
 __all__ = ["Combined", "Shared", "combine", "consistent_frames", "log_likelihood"]

@@ -31,8 +31,8 @@ from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_allow
+from jitterkit.refit.locus_fit import starting_point
 from jitterkit.refit.scene_choice import found_allowing
-from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.joint.record_file import RecordFile
+from jitterkit.joint.records import RecordFile
 
 __all__ = ["LikelihoodSummaries", "LikelihoodSummary", "eliminate"]
 

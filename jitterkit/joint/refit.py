@@ -28,8 +28,8 @@ from jitterkit.joint.likelihood_summary import LikelihoodSummaries
 from jitterkit.joint.ornstein_uhlenbeck import complete_time_models, initial_time_models
 from jitterkit.joint.records import STATED, FrameRecord, Records
 from jitterkit.joint.result import SequenceFit
-from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.time_models import Constant, TimeModel
+from jitterkit.joint.velocity import Shutters
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import Fitted, fit_without_outliers

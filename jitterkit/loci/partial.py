@@ -16,8 +16,7 @@ import numpy as np
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
-from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
-from jitterkit.loci.special import sinc_of_square
+from jitterkit.loci.special import exact_to, gauss_legendre, greatest_speed, mean_phasor, sinc_of_square
 
 _LEAST, _MOST = 0.05, 3.0
 """Cycles: below, the motion is a piece of a parabola to 1e-4 of its size; above, nearly harmonic."""

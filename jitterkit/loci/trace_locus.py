@@ -29,7 +29,7 @@ from jitterkit.loci.csv_table import (
     unit_factor,
 )
 from jitterkit.loci.missing import MISSING_WORDS, without_missing
-from jitterkit.loci.phasor import exact_to, gauss_legendre, mean_phasor
+from jitterkit.loci.special import exact_to, gauss_legendre, mean_phasor
 
 _NODES, _IN_ALL = 3, 64
 """Nodes between two samples at least, and in a whole trace."""

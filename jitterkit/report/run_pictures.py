@@ -14,14 +14,13 @@ import numpy as np
 from astropy.table import QTable
 from scipy.stats import chi2
 
-from jitterkit.report.clock import Clock, fitted, separation_series
 from jitterkit.report.jitter_plots import draw_jitter, jittered
+from jitterkit.report.means import Clock, fitted, separation_series
 from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack, count_copies
-from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
 from jitterkit.report.series_plots import plot_allan, plot_pulls, plot_root_n, study_series
-from jitterkit.report.time_plots import draw_run
+from jitterkit.report.time_plots import draw_run, plot_root_n_error, plot_running_mean
 from jitterkit.report.words import angle_size, angle_unit, number, suited_time, with_error
 from jitterkit.series import Floor, Trend, allan_deviation, block_scatter
 

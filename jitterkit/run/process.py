@@ -22,7 +22,7 @@ from jitterkit.batch.resume import FILES
 from jitterkit.batch.store import STORE, Store
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.report.html import write_report
 from jitterkit.report.outputs import (
     CONFIGURATION,

@@ -15,7 +15,7 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.forward import expected_image
 from jitterkit.frames import Frame, write_fits
 from jitterkit.frames.sky import turned_over
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.kernels import deblur, in_rows, kernel_image, write_kernel
 from jitterkit.likelihood import pearson
 from jitterkit.loci import Stable
