@@ -30,20 +30,6 @@ from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
 from jitterkit.shutter import Shutter
 
-__all__ = [
-    "GRADIENT",
-    "Parameters",
-    "background_of",
-    "displacement_effect",
-    "expected_image",
-    "free_parameters",
-    "held_with",
-    "image_and_jacobian",
-    "parameter_names",
-    "to_vector",
-]
-
-
 GRADIENT = ("background_x", "background_y")
 """Names of the gradient of the background along each axis."""
 

@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-__all__ = ["array_module", "real", "single"]
-
 _SINGLE = {np.dtype("float64"): np.float32, np.dtype("complex128"): np.complex64}
 
 

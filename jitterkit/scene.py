@@ -13,8 +13,6 @@ from jaxtyping import Array, Bool, Float
 from jitterkit.conventions import direction_angle
 from jitterkit.precision import array_module, real
 
-__all__ = ["Binary", "FurtherStars", "Scene", "Star", "Stars"]
-
 
 class FurtherStars(eqx.Module):
     """Stars beside those that a scene is named after.

@@ -26,8 +26,6 @@ from jitterkit.likelihood import Data, deviance_and_score, information_at
 from jitterkit.metric import LEAST_DAMPING, Metric, invert_information
 from jitterkit.optics.otf import OTF
 
-__all__ = ["ROUNDING_TOLERANCE", "Prior", "ScoringResult", "fisher_scoring", "fisher_scoring_without_prior"]
-
 ROUNDING_TOLERANCE = 0.1
 """Largest distance from the maximum, in standard errors, at which rounding may end a fit."""
 

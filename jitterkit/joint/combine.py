@@ -22,8 +22,6 @@ from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSu
 from jitterkit.joint.records import RecordFile
 from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial, TimeModel
 
-__all__ = ["Combined", "Shared", "combine", "consistent_frames", "log_likelihood"]
-
 _UNKNOWN = 0.5
 """Share of the diffuse prior's error above which the frames did not determine a parameter."""
 

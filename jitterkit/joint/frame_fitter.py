@@ -36,8 +36,6 @@ from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
 
-__all__ = ["FrameFitter", "NearbyOptics"]
-
 _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if choice.across == "none"))
 """Loci that are lines: they have no blur across their axis."""
 

@@ -13,8 +13,6 @@ import numpy as np
 
 from jitterkit.joint.records import RecordFile
 
-__all__ = ["LikelihoodSummaries", "LikelihoodSummary", "eliminate"]
-
 
 class LikelihoodSummary(NamedTuple):
     """Hold a frame's log-likelihood near a point: ``score (c - at) - (c - at)' information (c - at)/2``.

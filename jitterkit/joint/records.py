@@ -16,9 +16,6 @@ import numpy as np
 from jitterkit.forward import GRADIENT
 from jitterkit.refit.result import FitResult, Status, moments_of
 
-__all__ = ["STATED", "FrameRecord", "RecordFile", "Records"]
-
-
 _BLOCK = 512
 """Records read or written at once."""
 

@@ -35,8 +35,6 @@ from jitterkit.refit import FitResult, Status
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.shutter import Shutter
 
-__all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
-
 _CONVERGED = 1.0
 """Largest change of a shared parameter by the last pass, in joint standard errors; where it was 0.16, that of
 the next pass was 0.0002."""

@@ -18,8 +18,6 @@ from numpy.polynomial import legendre
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Constant", "Independent", "OrnsteinUhlenbeck", "Polynomial", "TimeModel", "parse_time_model"]
-
 _MOST = 8
 """Degree of a polynomial at most: one that bends more often is an Ornstein-Uhlenbeck process."""
 

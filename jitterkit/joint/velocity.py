@@ -16,8 +16,6 @@ from jitterkit.loci import trace_gaps
 from jitterkit.optics.grid import Grid
 from jitterkit.shutter import Drifting, with_enough_nodes
 
-__all__ = ["Shutters", "motion_unknown", "smear_allowed", "velocity_between_frames", "velocity_from_trace"]
-
 
 def velocity_between_frames(times, positions) -> np.ndarray:
     """Return the velocity of the image from its positions in frames.

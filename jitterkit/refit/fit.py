@@ -30,14 +30,6 @@ from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult
 
-__all__ = [
-    "FitOptions",
-    "convergence_error",
-    "fit_and_allow",
-    "fit_frame",
-    "linearisation_tolerance",
-]
-
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4
 """Tolerance of a fit, at and above which the optics are exact to

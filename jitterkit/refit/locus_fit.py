@@ -21,9 +21,6 @@ from jitterkit.refit.fit import FitOptions, fit_and_allow
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scoring import fisher_scoring
 
-__all__ = ["NORMAL", "FrameFits", "fit_locus", "is_better", "starting_point"]
-
-
 _CYCLES, _PHASES = (0.5, 1.2), (-40.0, 40.0)
 """Of a partial vibration: before and after its first whole cycle, lopsided either way."""
 

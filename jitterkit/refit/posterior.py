@@ -8,8 +8,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Posterior"]
-
 
 @dataclass(frozen=True)
 class Posterior:

@@ -24,8 +24,6 @@ from jitterkit.refit.priors import (
     whole_exposures,
 )
 
-__all__ = ["CORRELATIONS", "KernelPrior", "read_kernel_prior"]
-
 _MOMENTS = ("sxx", "sxy", "syy")
 
 _LONGER = 1.01

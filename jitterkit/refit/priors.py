@@ -21,8 +21,6 @@ from jitterkit.loci import LOCI, Locus, Trace
 from jitterkit.refit.boundary import regularizing_priors
 from jitterkit.scoring import Prior
 
-__all__ = ["Priors", "kernel_prior", "moments_prior", "sequence_prior", "trace_prior"]
-
 OTHERS = 6
 """Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""
 

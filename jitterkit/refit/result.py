@@ -13,8 +13,6 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import Locus, principal_axes
 from jitterkit.loci.base import moments_and_slope
 
-__all__ = ["Candidate", "FitResult", "Status", "moments_of"]
-
 
 class Status(enum.Enum):
     """Name the outcome of a frame; the value is the sentence in a table."""

@@ -28,8 +28,6 @@ from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult
 from jitterkit.scoring import Prior
 
-__all__ = ["sample_posterior"]
-
 _LEAST_DRAWS = 4
 """Of a chain: its halves are compared with each other, and each needs a variance."""
 

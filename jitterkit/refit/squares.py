@@ -26,8 +26,6 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
 
-__all__ = ["with_free_squares"]
-
 _REACH = 4.0
 """Of the spread of a mode that only its square shows: noise hardly makes larger values."""
 
