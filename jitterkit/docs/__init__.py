@@ -10,8 +10,6 @@ from importlib.resources import files
 
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
-__all__ = ["read_page", "topics"]
-
 _FOLDERS = ("", "commands/", "results/")
 """Of the pages, in the order in which they are listed; the pages of commands go by the command's name."""
 

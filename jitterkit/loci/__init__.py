@@ -20,37 +20,6 @@ from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.streak import Linear, Shm, Streak
 from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
 
-__all__ = [
-    "LOCI",
-    "Ellipse",
-    "Linear",
-    "Lissajous",
-    "Locus",
-    "Mvn",
-    "PartialShm",
-    "Path",
-    "Product",
-    "Shaped",
-    "Shm",
-    "Skewed",
-    "Smear",
-    "Stable",
-    "Streak",
-    "Tones",
-    "Trace",
-    "axis_variances",
-    "covariance_on_axis",
-    "is_trace",
-    "jitter_cards",
-    "locus_class",
-    "locus_name",
-    "moments_on_axis",
-    "principal_axes",
-    "rasterise",
-    "read_trace",
-    "trace_gaps",
-]
-
 LOCI: dict[str, type[Locus]] = {
     "stable": Stable,
     "linear": Linear,

@@ -20,20 +20,3 @@ from jitterkit.photons.curve import (
     read_curve,
 )
 from jitterkit.photons.stars import blackbody, tabulated
-
-__all__ = [
-    "IMX183_QE",
-    "Curve",
-    "Line",
-    "PhotonBudget",
-    "Throughput",
-    "annulus_area",
-    "band_of",
-    "blackbody",
-    "collecting_area",
-    "compare",
-    "count_photons",
-    "flat_curve",
-    "read_curve",
-    "tabulated",
-]
