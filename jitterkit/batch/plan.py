@@ -98,7 +98,7 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         In the order of the table.
     counts : iterable of int
         Frames in each file, from :func:`count_frames`, or from
-        :meth:`~jitterkit.batch.store.Store.frame_counts`, which knows them from the session before.
+        :meth:`~jitterkit.batch.store_file.FileCounts.frames`, which knows them from the session before.
     size : int
         Frames in a batch; the last may have fewer.
 

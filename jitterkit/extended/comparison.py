@@ -17,7 +17,6 @@ from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.blurs import Transfer
-from jitterkit.extended.registration import striped
 from jitterkit.vision import box_mean
 
 _BAND = 0.45
@@ -270,3 +269,24 @@ def _fast_length(n: int) -> int:
 
 def _parts(spectrum: np.ndarray) -> np.ndarray:
     return np.concatenate([spectrum.real, spectrum.imag])
+
+
+_RINGS, _FEW_FREQUENCIES = 64, 60.0
+"""Rings to a cycle/pixel; power over a ring's median of which no frequency of a scene has more by chance."""
+
+
+def striped(power: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return near which frequencies stripes such as columns or fringes have power, and no scene has so much.
+
+    Parameters
+    ----------
+    power, radius : arrays of one shape
+        Of each frequency; the radius in cycles/pixel.
+
+    Returns
+    -------
+    striped : bool array
+    """
+    rings = (radius * _RINGS).astype(int)
+    level = ndimage.median(power, rings, np.arange(rings.max() + 1))[rings]
+    return ndimage.binary_dilation(power > _FEW_FREQUENCIES * level, np.ones((3, 3)))

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.beside import units_agree
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, PlainHeader
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
 from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_planes
-from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 """Roles that together give the variance, the first preferred."""
@@ -103,7 +103,7 @@ class Group:
             return False
         alike = other.planes in (1, self.image.planes) and other.shape[-2:] == self.image.shape[-2:]
         units = [one.words("BUNIT") for one in (self.image, other)]
-        if other.role != "quality" and all(units) and not _agree(units[0], units[1], other.role):
+        if other.role != "quality" and all(units) and not units_agree(units[0], units[1], other.role):
             self.warnings.append(
                 f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
             )
@@ -125,17 +125,6 @@ class Group:
             elif part.path == self.image.path:
                 found[part.number] = f"{words.get(role, role)} of HDU {self.image.number}"
         return found
-
-
-def _agree(image: str, other: str, role: str) -> bool:
-    """Return whether the unit of a noise suits that of an image; pipelines may copy it, unsquared."""
-    base, unit = resolve_unit(image), other.strip().removeprefix("1/").removeprefix("1 /")
-    if role == "sigma" or other == image:
-        return base == resolve_unit(other)
-    unit = re.sub(r"^(.+?) ?[*. ] ?\1$", r"\1", unit.strip(" ()[]"))  # "adu*adu"
-    unit = re.sub(r"(?<=e-)2|(\*\*|\^)?\(?\+?(?<!-)2(\.0)?\)?", "", unit)
-    unit = re.sub(r"(\*\*|\^)?\(?-2(\.0)?\)?", "" if role == "weight" else "-1", unit)
-    return base == resolve_unit(unit.strip(" ()[]"))
 
 
 def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:

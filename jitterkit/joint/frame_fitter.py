@@ -22,7 +22,6 @@ from jitterkit.frames import Frame
 from jitterkit.joint.likelihood_summary import LikelihoodSummary, eliminate
 from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
@@ -42,32 +41,6 @@ _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if cho
 
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
-
-_STALE = 0.03
-"""Rms phase [rad] by which the optics may have changed since their derivatives were computed, which are then
-off by 3 %: of 16 TOLIMAN frames the separation moved by 0.0008 of its error, the error by 8e-6."""
-
-
-class NearbyOptics:
-    """Optics of one frame after the other: exact at each, with derivatives computed now and then.
-
-    Parameters
-    ----------
-    optics : Optics
-    """
-
-    def __init__(self, optics: Optics) -> None:
-        self.optics = optics
-        self._slopes = self._here = optics.nominal
-
-    def at(self, parameters: Parameters) -> OTF:
-        """Return the optics for parameters whose aberrations are held."""
-        aberrations = parameters.aberrations
-        if self.optics.phase(np.asarray(aberrations - self._slopes.state)) > _STALE:
-            self._slopes = self._here = self.optics.otf(aberrations)
-        elif linearisation_error(self.optics, parameters, self._here) > LINEARISATION_TOLERANCE:
-            self._here = self.optics.near(aberrations, self._slopes)
-        return self._here
 
 
 @dataclass(frozen=True)

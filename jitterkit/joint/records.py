@@ -6,15 +6,19 @@ What a run keeps of every frame would fill the memory after a night, and it is n
 
 from __future__ import annotations
 
+import math
 import tempfile
 import weakref
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from jitterkit.forward import GRADIENT
-from jitterkit.refit.result import FitResult, Status, moments_of
+from jitterkit.frames import Frame
+from jitterkit.loci.base import moments_of
+from jitterkit.refit.result import FitResult, Status
 
 _BLOCK = 512
 """Records read or written at once."""
@@ -217,3 +221,44 @@ class Records:
                 reason,
                 float(numbers[-1]),
             )
+
+
+class Exposure(NamedTuple):
+    """Hold one frame of a sequence.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        Middle of the exposure, s from the beginning of the first; ascending.
+    frame : Frame or None
+        None where it cannot be used.
+    problem : FitResult or None
+        The reason, where there is no frame.
+    """
+
+    name: str
+    time: float
+    frame: Frame | None
+    problem: FitResult | None = None
+
+
+def reason_of(exposure: Exposure) -> FitResult:
+    """Return the reason for which there is no frame."""
+    return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
+
+
+def record_of(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
+    """Make the record of a frame, with the flags of its calibration."""
+    frame = exposure.frame
+    if frame is None:
+        return FrameRecord.of(exposure.name, exposure.time, fit, own)
+    remark = frame.metadata.remark
+    words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
+    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
+    fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
+    more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
+    if fit.parameters is not None and frame.plate_scale:
+        scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
+        more["position"] = corner + np.array([float(scene.x), float(scene.y)])
+    return FrameRecord.of(exposure.name, exposure.time, fit, own, **more)

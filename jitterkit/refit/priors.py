@@ -18,8 +18,8 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import LOCI, Locus, Trace
+from jitterkit.metric import Prior
 from jitterkit.refit.boundary import regularizing_priors
-from jitterkit.scoring import Prior
 
 OTHERS = 6
 """Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""

@@ -10,8 +10,8 @@ import numpy as np
 from jitterkit.errors import ErrorCode, code_of
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import Locus, principal_axes
-from jitterkit.loci.base import moments_and_slope
+from jitterkit.loci import principal_axes
+from jitterkit.loci.base import moments_of
 
 
 class Status(enum.Enum):
@@ -305,28 +305,3 @@ class FitResult:
             return moments, covariance + self.shape_err**2 * np.outer(slope, slope)
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)
-
-
-def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second moments of a locus whose coordinates are known to a covariance.
-
-    Parameters
-    ----------
-    locus : Locus
-    names : tuple of str
-        Of the free parameters, those of the locus among them.
-    covariance : (p, p) array
-        Of the free parameters.
-
-    Returns
-    -------
-    moments : (3,) array
-        ``(Sxx, Sxy, Syy)``, arcsec².
-    covariance : (3, 3) array
-        Zero unless all coordinates of the locus are free.
-    """
-    indices = [names.index(n) for n in locus.names if n in names]
-    if len(indices) < len(locus.names) or not indices:
-        return np.asarray(locus.moments()), np.zeros((3, 3))
-    moments, slope = map(np.asarray, moments_and_slope(locus))
-    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T

@@ -21,12 +21,12 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.likelihood import Data, deviance
+from jitterkit.metric import Prior
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult
-from jitterkit.scoring import Prior
 
 _LEAST_DRAWS = 4
 """Of a chain: its halves are compared with each other, and each needs a variance."""

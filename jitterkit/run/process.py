@@ -147,8 +147,8 @@ def process_files(
     executor = executor or partial(execute, threads=threads)
     with prepare_run(directory, configuration, command, overwrite=overwrite, resume=resume) as store:
         count = partial(count_frames, hdu=hdu)
-        store.check_files(files, count, size)
-        counts = store.frame_counts(files, count)
+        store.counts.check(files, count, size, store.done())
+        counts = store.counts.frames(files, count)
         mark = duplicate_marker()
         if callback := before or watch:
             for row in store.rows():
