@@ -22,7 +22,7 @@ def rank(row: Row, batch: int, index: int) -> Rank:
     return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, index
 
 
-def top(ranks: Iterable[Rank], most: int = TOP) -> list[Rank]:
+def top(ranks: Iterable[Rank]) -> list[Rank]:
     """Return the worst of each kind, fitted or not: a report shows as many of both together.
 
     Ties go to the frame that comes first in the plan.  The worst of several runs of frames are the worst of
@@ -30,12 +30,10 @@ def top(ranks: Iterable[Rank], most: int = TOP) -> list[Rank]:
     """
     ordered = sorted(ranks)
     fitted = [one for one in ordered if one[0]]
-    return [one for one in ordered if not one[0]][:most] + fitted[:most]
+    return [one for one in ordered if not one[0]][:TOP] + fitted[:TOP]
 
 
-def wanted(
-    ranks: Iterable[Rank], batch: int, rows: Mapping[int, Row], start: int = 0, most: int = TOP
-) -> list[int]:
+def wanted(ranks: Iterable[Rank], batch: int, rows: Mapping[int, Row], start: int = 0) -> list[int]:
     """Return of which frames of a batch to keep data for a picture.
 
     Parameters
@@ -54,4 +52,4 @@ def wanted(
         Positions behind ``start``.
     """
     new = [rank(row, batch, start + index) for index, row in rows.items()]
-    return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
+    return sorted(index - start for _, _, number, index in set(top([*ranks, *new])) & set(new))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus
+from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import real
 from jitterkit.scene import Binary, Scene
@@ -82,6 +82,31 @@ class Parameters(eqx.Module):
             return coloured
         every = jnp.concatenate([self.aberrations, jnp.zeros(len(otf.further))])
         return eqx.tree_at(lambda p: p.aberrations, coloured, every)
+
+    def implausible(self, shape: tuple[int, int], plate_scale: float) -> str:
+        """Say what no frame can show, however well these parameters fit it.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            ``(ny, nx)`` of the frame.
+        plate_scale : float
+            arcsec/pixel.
+
+        Returns
+        -------
+        problem : str
+            Stars outside the frame, or a blur as wide as it is: half a sentence.  Empty if all is well.
+        """
+        scene, half = self.scene, (np.array(shape[::-1]) - 1) / 2 * plate_scale
+        x, y, _ = map(np.asarray, scene.sources())
+        middle = np.abs(np.array([float(scene.x), float(scene.y)]))
+        if not np.all(middle <= half) or np.hypot(np.ptp(x), np.ptp(y)) > 2 * np.hypot(*half):
+            return "it puts the stars outside the frame"
+        major, _, _ = principal_axes(self.locus.moments())
+        if 4 * major > 2 * half.max():
+            return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
+        return ""
 
     @property
     def binary(self) -> Binary:

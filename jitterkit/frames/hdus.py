@@ -25,9 +25,6 @@ from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_plan
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 """Roles that together give the variance, the first preferred."""
 
-_CHIP_KEYS = ("CCDNUM", "CCDNAME", "DETSEC", "CHIPID", "DETECSEC")
-"""Keywords of one detector among others of a camera."""
-
 _SCALES = {"CD1_1", "PC1_1", "CDELT1"}
 """Columns of a table that has a WCS for each plane of a cube."""
 
@@ -149,7 +146,7 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     first = next((one for one in (science if hdu is None else images) if hdu in (None, one.number)), None)
     if first is None:
         return []
-    chips = [one for one in science if one is first or _is_other_chip(first, one)]
+    chips = [one for one in science if one is first or first.is_of_one_camera(one)]
     groups = [Group(image) for image in ([first] if hdu is not None else chips)]
     described = first.role or role_of_label(first.name)
     if hdu is None and described not in ("", "image", "none"):
@@ -157,16 +154,6 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     for group in groups if first.role == "" else []:
         group.add(_beside(group.image, chips, science, hdus))
     return groups
-
-
-def _is_other_chip(first: Hdu, other: Hdu) -> bool:
-    alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
-    reads = {one.words("SAMPNUM") for one in (first, other)} - {""}
-    alike = alike and len(reads) < 2
-    chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
-    lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (first, other))
-    lettered = lettered and first.detector != other.detector  # SCI_A and SCI_B
-    return bool(first.name and other.name) and (alike or chips or lettered)
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:

@@ -250,7 +250,7 @@ class FrameFitter:
     def _check_plausible(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
         """Return the fit; as a poor fit, with the reason, if it is implausible."""
         grid = self.optics.nominal.grid
-        if not (problem := fit.implausible(grid.shape, grid.plate_scale)):
+        if (p := fit.parameters) is None or not (problem := p.implausible(grid.shape, grid.plate_scale)):
             return fit, otf
         message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(fit, status=Status.POOR_FIT, message=message), otf

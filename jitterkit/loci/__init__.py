@@ -18,7 +18,8 @@ from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product, Smear, Tones
 from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.streak import Linear, Shm, Streak
-from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
+from jitterkit.loci.trace_file import is_trace, read_trace
+from jitterkit.loci.trace_locus import Trace, trace_gaps
 
 LOCI: dict[str, type[Locus]] = {
     "stable": Stable,

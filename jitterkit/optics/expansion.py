@@ -15,10 +15,10 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import Colours, wavenumber_offsets
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, Further, to_parts, with_further
+from jitterkit.optics.otf import OTF, Further, with_further
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
-from jitterkit.precision import single
+from jitterkit.precision import single, to_parts
 
 _DEPENDENT = 1e-10
 """Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""

@@ -10,7 +10,6 @@ import numpy as np
 from jitterkit.errors import ErrorCode, code_of
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import principal_axes
 from jitterkit.loci.base import moments_of
 
 
@@ -193,33 +192,6 @@ class FitResult:
             return self
         message = f"{self.message or self.status.value} {sentence}"
         return replace(self, message=message, flags=tuple(dict.fromkeys((*self.flags, flag))))
-
-    def implausible(self, shape: tuple[int, int], plate_scale: float) -> str:
-        """Say what no frame can show, however well the model fits it.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            ``(ny, nx)`` of the frame.
-        plate_scale : float
-            arcsec/pixel.
-
-        Returns
-        -------
-        problem : str
-            Stars outside the frame, or a blur as wide as it is: half a sentence.  Empty if all is well.
-        """
-        if self.parameters is None:
-            return ""
-        scene, half = self.parameters.scene, (np.array(shape[::-1]) - 1) / 2 * plate_scale
-        x, y, _ = map(np.asarray, scene.sources())
-        middle = np.abs(np.array([float(scene.x), float(scene.y)]))
-        if not np.all(middle <= half) or np.hypot(np.ptp(x), np.ptp(y)) > 2 * np.hypot(*half):
-            return "it puts the stars outside the frame"
-        major, _, _ = principal_axes(self.parameters.locus.moments())
-        if 4 * major > 2 * half.max():
-            return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
-        return ""
 
     def moved(self, parameters: Parameters, covariance: np.ndarray) -> FitResult:
         """Return the result with other values and errors; its candidates' moments move as its own do."""

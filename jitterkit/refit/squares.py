@@ -21,7 +21,8 @@ from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci.base import moments_and_slope
 from jitterkit.metric import invert_information
 from jitterkit.optics import AnchoredOptics, OpticalSystem, Optics
-from jitterkit.optics.otf import OTF, to_parts
+from jitterkit.optics.otf import OTF
+from jitterkit.precision import to_parts
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
