@@ -66,10 +66,7 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
             f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the scene's "
             f"spectrum (it takes {_GATE:g}).",
         )
-    along, across = _ERRORS
-    return streak_estimate(
-        length, float(angles[best]), "radon", along=along, across=across, plate_scale=plate_scale
-    )
+    return streak_estimate(length, float(angles[best]), "radon", _ERRORS, plate_scale)
 
 
 def _projections(

@@ -101,9 +101,8 @@ class Group:
         alike = other.planes in (1, self.image.planes) and other.shape[-2:] == self.image.shape[-2:]
         units = [one.words("BUNIT") for one in (self.image, other)]
         if other.role != "quality" and all(units) and not units_agree(units[0], units[1], other.role):
-            self.warnings.append(
-                f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
-            )
+            said = f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
+            self.warnings.append(said)
             return False
         if alike:
             return True

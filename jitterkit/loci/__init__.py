@@ -9,10 +9,9 @@ from jitterkit.loci.base import (
     moments_on_axis,
     principal_axes,
 )
-from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.cumulants import Skewed
 from jitterkit.loci.elliptic import Ellipse, Lissajous, Mvn
-from jitterkit.loci.kernel import rasterise
+from jitterkit.loci.kernel import jitter_cards, rasterise
 from jitterkit.loci.partial import PartialShm
 from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product, Smear, Tones

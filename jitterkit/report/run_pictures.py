@@ -157,10 +157,8 @@ def _describe_outliers(flags: np.ndarray) -> str:
     if not count:
         return "No frame is further off than chance allows."
     these = "1 frame is" if count == 1 else f"{count:,} frames are"
-    return (
-        f"{these} further off than chance allows: left out of block means, Allan deviation and trend, "
-        "counted in the mean."
-    )
+    said = f"{these} further off than chance allows"
+    return f"{said}: left out of block means, Allan deviation and trend, counted in the mean."
 
 
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
@@ -229,7 +227,5 @@ def _describe_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
         return ""
     limit = 1 + _FAR * np.sqrt(2 / dof)
     far, chance = int(np.sum(chi2_dof > limit)), float(np.sum(chi2.sf(limit * dof, dof)))
-    return (
-        f"{far:,} of {len(dof):,} frames lie more than {_FAR} sigmas above 1; "
-        f"noise alone would put {number(chance, 1)} there."
-    )
+    said = f"{far:,} of {len(dof):,} frames lie more than {_FAR} sigmas above 1"
+    return f"{said}; noise alone would put {number(chance, 1)} there."
