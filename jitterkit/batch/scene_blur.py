@@ -196,7 +196,7 @@ class SceneBlurEstimator:
         Raises
         ------
         ConfigurationError
-            As :func:`~jitterkit.batch.reference.check_reference` does.
+            As :func:`~jitterkit.batch.scene_blur.check_reference` does.
         """
         if self._sharp is not None:
             check_reference(self._sharp, self._starless if self._shows_stars else None, paths, hdu)
