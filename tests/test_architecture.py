@@ -24,7 +24,7 @@ FLOORS = [
     {"known_light"},
     {"likelihood", "simulate"},
     {"scoring", "kernel_estimate"},
-    {"linearisation"},
+    {"linearisation", "squares"},
     {"locate", "estimators", "extended", "starfield", "kernels"},
     {"refit"},
     {"forecast", "joint"},

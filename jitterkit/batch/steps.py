@@ -179,7 +179,8 @@ def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str]
     known = start.estimate
     if kernel == SCORE and start.searched is None:
         return known  # by which the frame was registered
-    found = estimator(kernel)(start.data, start.parameters, start.otf, hold=hold)
+    where = {"optics": start.optics} if kernel == SCORE else {}
+    found = estimator(kernel)(start.data, start.parameters, start.otf, hold=hold, **where)
     return replace(found, source=known.source, digest=known.digest)
 
 

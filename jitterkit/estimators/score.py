@@ -8,20 +8,31 @@ that fits, tests its shape.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.compressed import ORDERS, shaped_blur
-from jitterkit.estimators.shape import KURTOSIS, CumulantStep, fit_shape, inflate_covariance, is_decisive
+from jitterkit.estimators.shape import (
+    KURTOSIS,
+    CumulantStep,
+    ShapedBlur,
+    fit_shape,
+    inflate_covariance,
+    is_decisive,
+)
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn, Shaped
+from jitterkit.optics import Optics
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import fisher_scoring_without_prior
+from jitterkit.squares import free_squares
 
 
 def estimate_score(
@@ -32,6 +43,7 @@ def estimate_score(
     steps: int = 4,
     hold: Collection[str] = (),
     shape: float | None = None,
+    optics: Optics | None = None,
 ) -> KernelEstimate:
     """Estimate second moments by Fisher scoring from zero jitter, and test the shape of the blur.
 
@@ -49,6 +61,9 @@ def estimate_score(
     shape : float, optional
         Excess kurtosis, where the kind of motion is known: -1.2 of a drift, -1.5 of a vibration, 0 of
         random motion.  By default it is measured.
+    optics : Optics, optional
+        Of the template: then squares of aberrations may have either sign, where they show by these only,
+        as :func:`~jitterkit.squares.free_squares` says.
 
     Returns
     -------
@@ -78,12 +93,12 @@ def estimate_score(
         problem = "The frame does not determine its parameters; hold some, or mask less of it."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     if shape is not None:
-        return _of_known_shape(normal, shape, otf, data, hold)
-    return estimate_from_normal(normal, otf, data, hold)[0]
+        return _of_known_shape(normal, shape, otf, data, hold, optics)
+    return estimate_from_normal(normal, otf, data, hold, optics)[0]
 
 
 def estimate_from_normal(
-    normal: Parameters, otf: OTF, data: Data, hold: Collection[str]
+    normal: Parameters, otf: OTF, data: Data, hold: Collection[str], optics: Optics | None = None
 ) -> tuple[KernelEstimate, Parameters]:
     """Estimate second moments, and test the shape of the blur, from the fit of a normal.
 
@@ -95,6 +110,8 @@ def estimate_from_normal(
     data : Data
     hold : collection of str
         What the fit held.
+    optics : Optics, optional
+        As for :func:`estimate_score`.
 
     Returns
     -------
@@ -103,8 +120,9 @@ def estimate_from_normal(
     parameters : Parameters
         All that was fitted with its blur.
     """
-    step = CumulantStep.of(normal, free_parameters(normal, otf, hold)[0], otf, data, ORDERS)
-    moments, covariance = np.asarray(normal.locus.moments()), step.covariance()
+    names = free_parameters(normal, otf, hold)[0]
+    step = CumulantStep.of(normal, names, otf, data, ORDERS)
+    moments, covariance = _with_free_squares(normal, names, step.covariance(), data, optics, hold)
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score"), normal
     found, blur = step.shape(), None
@@ -116,18 +134,49 @@ def estimate_from_normal(
         )
         shape, error = found.kurtosis, found.error
         return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error), normal
-    moments, covariance = np.asarray(blur.locus.moments()), blur.covariance[:3, :3]
-    shape, error = blur.kurtosis, blur.kurtosis_err
-    estimate = KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error, locus=blur.locus)
-    return estimate, blur.parameters
+    return _of_shaped(blur, otf, data, hold, optics), blur.parameters
+
+
+def _of_shaped(
+    blur: ShapedBlur, otf: OTF, data: Data, hold: Collection[str], optics: Optics | None
+) -> KernelEstimate:
+    names, shape = free_parameters(blur.parameters, otf, hold)[0], blur.kurtosis
+    moments, covariance = _with_free_squares(
+        blur.parameters, names, blur.covariance[:3, :3], data, optics, hold
+    )
+    locus, error = Shaped(np.append(moments, shape)), blur.kurtosis_err
+    return KernelEstimate(moments, covariance, "score", shape=shape, shape_err=error, locus=locus)
+
+
+def _with_free_squares(
+    fitted: Parameters,
+    names: tuple[str, ...],
+    covariance: np.ndarray,
+    data: Data,
+    optics: Optics | None,
+    hold: Collection[str],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the moments of a fitted blur and their covariance, with free squares where these matter."""
+    moments, first = np.asarray(fitted.locus.moments()), names.index(fitted.locus.names[0])
+    free = None if optics is None else free_squares(fitted, names, data, optics, hold)
+    if free is None:
+        return moments, covariance
+    index = [np.flatnonzero(free.places == first + i)[0] for i in range(3)]
+    return moments + free.change[index], free.covariance[np.ix_(index, index)]
 
 
 def _of_known_shape(
-    normal: Parameters, shape: float, otf: OTF, data: Data, hold: Collection[str]
+    normal: Parameters,
+    shape: float,
+    otf: OTF,
+    data: Data,
+    hold: Collection[str],
+    optics: Optics | None,
 ) -> KernelEstimate:
     kurtosis = float(Shaped.of(0.0, kurtosis=shape).coords[3])  # refuses what no density has
-    blur = fit_shape(normal, kurtosis, otf, data, {*hold, KURTOSIS})
+    hold = {*hold, KURTOSIS}
+    blur = fit_shape(normal, kurtosis, otf, data, hold)
     if blur is None:
         problem = f"No blur of excess kurtosis {shape:g} fits the frame; give another, or let it be measured."
         raise UndeterminedError(ErrorCode.MODEL_MISMATCH, problem)
-    return KernelEstimate(np.asarray(blur.locus.moments()), blur.covariance, "score", locus=blur.locus)
+    return replace(_of_shaped(blur, otf, data, hold, optics), shape=math.nan, shape_err=math.nan)

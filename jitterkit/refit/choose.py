@@ -22,6 +22,7 @@ separation of every frame the same way: :mod:`jitterkit.trade.plan` prices it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -40,7 +41,7 @@ from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
 from jitterkit.refit.evidence import CHOICES, minor_variance
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
-from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.result import STRAIGHT, FitResult, Status
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
 FALSE_ALARM = 0.01
@@ -277,8 +278,18 @@ def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
     best = tried.best
     return replace(
         best,
+        straight_err=_straight_err(tried.fits),
         message=" ".join(filter(None, [best.message, describe_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
         seconds=sum(fit.seconds for fit in tried.fits.values()),
     )
+
+
+def _straight_err(fits: dict[str, FitResult]) -> float:
+    """Return the error of a straight blur's kurtosis, by how far both fits' images are apart."""
+    one, other = (fits[name].residual if name in fits else None for name in STRAIGHT)
+    if one is None or other is None:
+        return math.nan
+    drift, vibration = STRAIGHT.values()
+    return (drift - vibration) / math.sqrt(max(float(np.nansum((one - other) ** 2)), 1e-300))

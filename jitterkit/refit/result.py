@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -49,12 +50,13 @@ _CODES = {
 """Code of a status for which no error was raised; any other status without one is internal."""
 
 
-_STRAIGHT = {"linear": -1.2, "shm": -1.5}
+STRAIGHT = {"linear": -1.2, "shm": -1.5}
 """Excess kurtosis of a drift and of a vibration, along their axis: their moments differ by it."""
 
-_TOLD, _POSSIBLE, _ALONE = 0.06, 1e-3, 0.95
-"""Error of a kurtosis, a fifth of their difference, from which a frame may take one for the other; the least
-weight that each of them then has, and that of both together."""
+_TOLD, _ALONE = 0.075, 0.95
+"""Error of a kurtosis from which a frame may take one for the other, a quarter of their difference: two in a
+hundred do, and move the mean of all moments by a tenth of an error.  Least weight of both together: which of
+them has more does not matter, because frames that are sure by chance belong to the mean too."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,9 @@ class FitResult:
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN
         where no jitter was detected or the locus was not to be chosen.
+    straight_err : float
+        Error of the kurtosis of a straight blur, by how far the images of a drift and of a vibration are
+        apart; NaN unless both were fitted.
     off_maximum : ((p,) array, (p, p) array) or None
         What an unknown shape of the blur adds to the values at the maximum, and to their covariance.
     further_limit : float
@@ -159,6 +164,7 @@ class FitResult:
     candidates: tuple[Candidate, ...] = ()
     shape: float = float("nan")
     shape_err: float = float("nan")
+    straight_err: float = float("nan")
     off_maximum: tuple[np.ndarray, np.ndarray] | None = None
     further_limit: float = float("nan")
     model_error: float = 0.0
@@ -266,14 +272,15 @@ class FitResult:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
         likely = {c.locus: c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))}
-        straight = [c.weight for name, c in likely.items() if name in _STRAIGHT]
-        possible = len(straight) > 1 and min(straight) > _POSSIBLE and sum(straight) > _ALONE
-        if possible and self.locus in _STRAIGHT and self.shape_err > _TOLD:
-            (one, a), (other, b) = ((likely[name], k) for name, k in _STRAIGHT.items())
+        straight = [c.weight for name, c in likely.items() if name in STRAIGHT]
+        possible = len(straight) > 1 and sum(straight) > _ALONE
+        error = self.shape_err if math.isnan(self.straight_err) else self.straight_err
+        if possible and self.locus in STRAIGHT and error > _TOLD:
+            (one, a), (other, b) = ((likely[name], k) for name, k in STRAIGHT.items())
             slope = (np.asarray(one.moments) - other.moments) / (a - b)
             # by both fits, not by one step: objectives are squares of the distance from what is shown
-            shown = (a + b - (one.objective - other.objective) * self.shape_err**2 / (a - b)) / 2
-            moments = moments + (shown - _STRAIGHT[self.locus]) * slope
-            return moments, covariance + self.shape_err**2 * np.outer(slope, slope)
+            shown = (a + b - (one.objective - other.objective) * error**2 / (a - b)) / 2
+            moments = moments + (shown - STRAIGHT[self.locus]) * slope
+            return moments, covariance + error**2 * np.outer(slope, slope)
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)

@@ -1,41 +1,14 @@
-"""Aberrations that an image shows by their squares.
-
-A pupil that is its own mirror image shows focus and astigmatism by their squares and products, which widen
-the image.  No fit makes a square negative: where noise asks for that, zero is the least, and so on average
-too much is taken from the jitter.  Moments of a still star behind 18 hexagons were low by 0.6 of an error, in
-every frame alike.  :func:`with_free_squares` lets squares and products have either sign.
-"""
+"""Results of fits that do not depend on the sign that squares of aberrations must have."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import combinations_with_replacement
-from typing import NamedTuple
-
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.forward import held_with, parameter_names, to_vector
-from jitterkit.likelihood import Data, normal_equations
-from jitterkit.loci.base import moments_and_slope
-from jitterkit.metric import invert_information
-from jitterkit.optics import AnchoredOptics, OpticalSystem, Optics
-from jitterkit.optics.otf import OTF
-from jitterkit.precision import to_parts
+from jitterkit.likelihood import Data
+from jitterkit.optics import Optics
 from jitterkit.refit.fit import FitOptions
-from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
-
-_REACH = 4.0
-"""Of the spread of a mode that only its square shows: noise hardly makes larger values."""
-
-_STEP = 0.03
-"""rad rms of a mode, for second derivatives, which are off by the square of it."""
-
-_SEEN = 3.0
-"""Times that such a spread must be as large as the error by the mode's effect in proportion, about zero, for
-the square not to matter: its share of the effect of an error is the inverse square of this."""
+from jitterkit.squares import free_squares
 
 
 def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOptions) -> FitResult:
@@ -53,177 +26,21 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
     Returns
     -------
     fit : FitResult
-        Values and errors of all but such aberrations are those with free squares and products, by one step
-        of scoring from where these aberrations are zero; they, image and chi-squared stay.  The fit itself
-        where no mode shows by its square only.
-
-    Notes
-    -----
-    A mode does if its own effect about zero tells less of it than three times what its square does, and if
-    its value may be noise.  One that is known better beforehand does not matter.  Left out are fits that
-    allow for an error of the model, and modes in which B differs.
+        Values and errors of all but such aberrations by :func:`~jitterkit.squares.free_squares`; they, image
+        and chi-squared stay.  The fit itself where that does not apply or gives no valid scene, and where an
+        error of the model was allowed for.
     """
-    system = optics.system if isinstance(optics, AnchoredOptics) else optics
-    if fit.status is not Status.OK or fit.parameters is None or not isinstance(system, OpticalSystem):
+    if fit.status is not Status.OK or fit.parameters is None:
         return fit
     if fit.model_error or data.model_variance is not None:
         return fit
-    names, value, held = system.nominal.names, np.array(fit.parameters.aberrations), held_with(options.hold)
-    even = chosen = [i for i in system.even_modes if names[i] not in held]
-    known = {name: sigma for name, (_, sigma) in options.priors.on({*fit.names, *names}).items()}
-    while chosen:
-        state = value.copy()
-        state[chosen] = 0.0
-        otf = _with_squares(optics, state, even, system.mode_phases)
-        frame = _Frame.of(fit, data, otf, state, even)
-        by_itself, by_square = frame.information_on(chosen, fit, options.priors)
-        spread = by_square**-0.25
-        unseen = [
-            i
-            for i, size, told in zip(chosen, spread, by_itself, strict=True)
-            if abs(value[i]) < _REACH * size
-            and told * size**2 < _SEEN**2
-            and known.get(names[i], np.inf) > size
-        ]
-        if unseen == chosen:
-            bounds = dict(zip(chosen, _REACH * spread, strict=True))
-            return frame.solved(fit, options.priors, bounds)
-        chosen = unseen
-    return fit
-
-
-def _product(names: tuple[str, ...], i: int, j: int) -> str:
-    """Return the name of the product of two modes."""
-    return f"{names[i]} {names[j]}"
-
-
-def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.ndarray) -> OTF:
-    """Return optics about a state whose first aberrations are the products of pairs of modes [nm²]."""
-    otf, pairs = optics.otf(state), list(combinations_with_replacement(even, 2))
-    if isinstance(optics, AnchoredOptics):
-        i, j = np.transpose(pairs)
-        rows = optics.anchor.curvature[i, j] * np.where(i == j, 0.5, 1.0)[:, None, None, None]
-    else:
-        rows = to_parts(jnp.stack(_products(optics, otf, state, pairs, _STEP / phase)))
-    tints = otf.tints
-    if tints is not None:
-        tints = jnp.concatenate([tints[:1], jnp.zeros((len(pairs), *tints.shape[1:])), tints[1:]])
-    return replace(
-        otf,
-        slopes=jnp.concatenate([rows.astype(otf.slopes.dtype), otf.slopes]),
-        state=jnp.concatenate([jnp.zeros(len(pairs)), otf.state]),
-        names=(*(_product(otf.names, i, j) for i, j in pairs), *otf.names),
-        tints=tints,
-        of_b=tuple(place + len(pairs) for place in otf.of_b),
-        coarse=None,
-    )
-
-
-def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int, int]], steps: np.ndarray):
-    """Return the changes of a transfer function by products of modes, per nm², by differences of itself.
-
-    It is exact, and cheap beside its derivatives.
-    """
-
-    def even_part(modes: set[int]):
-        step = np.zeros_like(state)
-        step[list(modes)] = steps[list(modes)]
-        ahead, behind = (optics.otf(state + way, derivatives=False).value for way in (step, -step))
-        return (ahead + behind) / 2 - otf.value
-
-    alone = {i: even_part({i}) for i, j in pairs if i == j}
-    both = (alone[i] if i == j else even_part({i, j}) - alone[i] - alone[j] for i, j in pairs)
-    return [change / (steps[i] * steps[j]) for change, (i, j) in zip(both, pairs, strict=True)]
-
-
-class _Frame(NamedTuple):
-    """Hold what a frame says of everything that was fitted and of squares, where some modes are zero.
-
-    Attributes
-    ----------
-    optics : tuple of str
-        Names of the aberrations.
-    names : tuple of str
-        Of what follows: what was fitted, modes that may show by their squares, and their products.
-    values, score, information : (q,), (q,), (q, q) array
-    """
-
-    optics: tuple[str, ...]
-    names: tuple[str, ...]
-    values: np.ndarray
-    score: np.ndarray
-    information: np.ndarray
-
-    @classmethod
-    def of(cls, fit: FitResult, data: Data, otf: OTF, state: np.ndarray, even: list[int]) -> _Frame:
-        """Evaluate a fit at another state of the aberrations [nm], by optics that have products of modes."""
-        assert fit.parameters is not None
-        count = len(otf.names) - len(state)
-        products, optics = otf.names[:count], otf.names[count:]
-        aberrations = jnp.concatenate([jnp.zeros(count), jnp.asarray(state)])
-        parameters = eqx.tree_at(lambda p: p.aberrations, fit.parameters, aberrations)
-        every = parameter_names(parameters, otf.names)
-        wanted = {*fit.names, *products, *(optics[i] for i in even)}
-        free = tuple(i for i, name in enumerate(every) if name in wanted)
-        equations = normal_equations(parameters, otf, data, free, exact=False)
-        values = np.asarray(to_vector(parameters)[0])[list(free)]
-        told = np.asarray(equations.score), np.asarray(equations.information)
-        return cls(optics, tuple(every[i] for i in free), values, *told)
-
-    def information_on(
-        self, modes: list[int], fit: FitResult, priors: Priors
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the information on modes and on their squares, all else that was fitted unknown."""
-        asked = [self.names.index(self.optics[i]) for i in modes]
-        asked += [self.names.index(_product(self.optics, i, i)) for i in modes]
-        others = [i for i, name in enumerate(self.names) if name in fit.names and i not in asked]
-        across, known = self.information[np.ix_(others, asked)], priors.over(self.names).precision
-        inverse, _ = invert_information((self.information + known)[np.ix_(others, others)])
-        told = np.diag(self.information)[asked] - np.sum(across * (inverse @ across), axis=0)
-        by_itself, by_square = np.split(np.maximum(told, np.finfo(float).tiny), 2)
-        return by_itself, by_square
-
-    def solved(self, fit: FitResult, priors: Priors, bounds: dict[int, float]) -> FitResult:
-        """Return the fit after a step in which products of modes are free.
-
-        Parameters
-        ----------
-        fit : FitResult
-        priors : Priors
-        bounds : dict
-            Of the modes, by their places: 1 sigma, nm.
-        """
-        assert fit.parameters is not None
-        weak = {self.optics[i]: bound for i, bound in bounds.items()}
-        for i, j in combinations_with_replacement(bounds, 2):
-            weak[_product(self.optics, i, j)] = bounds[i] * bounds[j]
-        index = [i for i, name in enumerate(self.names) if name in fit.names or name in weak]
-        names, locus = tuple(self.names[i] for i in index), fit.parameters.locus
-        moments, by_coordinates = map(np.asarray, moments_and_slope(locus))
-        slope = np.zeros((3, len(names)))
-        for column, name in enumerate(locus.names):
-            if name in names:
-                slope[:, names.index(name)] = by_coordinates[:, column]
-        prior = priors.over(names, locus)
-        pull = prior.precision @ (self.values[index] - prior.mean)
-        pull += slope.T @ prior.moments_precision @ (moments - prior.moments)
-        known = prior.stiffness(slope) + np.diag([weak.get(name, np.inf) ** -2.0 for name in names])
-        covariance, sound = invert_information(self.information[np.ix_(index, index)] + known)
-        if not sound:
-            return fit
-        change = covariance @ (self.score[index] - pull)
-        beside, variance = fit.off_maximum or (np.zeros(len(fit.names)), np.zeros_like(fit.covariance))
-        free = [i for i, name in enumerate(fit.names) if name not in weak]
-        held = [i for i, name in enumerate(fit.names) if name in weak]
-        mine = [names.index(fit.names[i]) for i in free]
-        vector, rebuild = to_vector(fit.parameters)
-        every = parameter_names(fit.parameters, self.optics)
-        parameters = rebuild(
-            vector.at[np.array([every.index(fit.names[i]) for i in free])].add(change[mine] + beside[free])
-        )
-        if not parameters.scene.is_valid():
-            return fit
-        wider = np.zeros_like(fit.covariance)
-        wider[np.ix_(free, free)] = covariance[np.ix_(mine, mine)] + variance[np.ix_(free, free)]
-        wider[np.ix_(held, held)] = fit.covariance[np.ix_(held, held)]
-        return fit.moved(parameters, wider)
+    free = free_squares(fit.parameters, fit.names, data, optics, options.hold, options.priors.over)
+    if free is None:
+        return fit
+    covariance, index = fit.covariance.copy(), np.ix_(free.places, free.places)
+    beside, variance = fit.off_maximum or (np.zeros(len(fit.names)), np.zeros_like(covariance))
+    free = free._replace(change=free.change + beside[free.places])
+    covariance[:, free.places] = covariance[free.places] = 0.0
+    covariance[index] = free.covariance + variance[index]
+    parameters = free.added_to(fit.parameters, fit.names, fit.aberrations)
+    return fit.moved(parameters, covariance) if parameters.scene.is_valid() else fit

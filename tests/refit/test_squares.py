@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from own_images import drift, pupil_places, star_image
 
+from jitterkit.estimators import estimate_score
 from jitterkit.forward import Parameters
+from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.optics import obstructed_circle
@@ -44,7 +46,8 @@ def fitted(pixels, optics, options=None, state=(4.0, -3.0, 3.0)):
 
 
 def off(result):
-    moments, covariance = result.moments()
+    estimated = isinstance(result, KernelEstimate)
+    moments, covariance = (result.moments, result.covariance) if estimated else result.moments()
     return moments / np.sqrt(np.diag(covariance))
 
 
@@ -61,6 +64,31 @@ def test_noise_that_asks_for_a_negative_square_is_not_taken_from_the_jitter(symm
     assert np.all(np.diag(result.moments()[1]) > np.diag(plain.moments()[1]))
     assert np.all(np.linalg.eigvalsh(result.covariance) > 0)
     assert result.image is plain.image
+
+
+def test_an_estimate_does_not_take_it_from_the_jitter_either(symmetric):
+    data = Data(image(-6.0), 9.0)
+    fit = fitted(data.electrons, symmetric, state=np.zeros(3)).parameters
+    low, right = (
+        estimate_score(data, fit, symmetric.otf(fit.aberrations), optics=optics)
+        for optics in (None, symmetric)
+    )
+    assert np.all(off(low)[[0, 2]] < -1.0)
+    assert np.all(np.abs(off(right)) < 0.1)
+    assert np.all(np.diag(right.covariance) > np.diag(low.covariance))
+
+
+def test_an_estimate_of_a_drift_is_right_with_free_squares(symmetric):
+    """Of a blur whose shape is fitted with its moments, or known."""
+    light, truth = 1e6, 0.9**2 / 12 * np.array([0.75, np.sqrt(3) / 4, 0.25])
+    data = Data(star_image(0.6, -1.1, light, drift(0.9, 30)) + 2.0, 9.0)
+    start = Parameters(Star(0.62, -1.08, light), Mvn.of(0.1), (4.0, -3.0, 3.0))
+    fit = fit_frame(data, symmetric, start).parameters
+    for shape in (None, -1.2):
+        otf = symmetric.otf(fit.aberrations)
+        found = estimate_score(data, fit, otf, shape=shape, optics=symmetric)
+        assert np.all(np.abs(found.moments - truth) < 0.3 * np.sqrt(np.diag(found.covariance)))
+        assert found.moments == pytest.approx(np.asarray(found.locus.moments()))
 
 
 @pytest.mark.parametrize("focus", [0.0, 6.0, 60.0])

@@ -119,6 +119,22 @@ def test_a_frame_that_may_be_wrong_about_its_locus_has_the_moments_of_the_kurtos
     assert covariance[0, 0] == pytest.approx(1e-6 + 0.4 * 0.003**2)
 
 
+@pytest.mark.parametrize("size", [0.75, 0.85])
+def test_a_drift_that_may_be_a_vibration_has_its_own_moments(size, optics):
+    """By the distance of both fits' images; by one step of scoring they are farther off."""
+    image = star_image(0.6, -1.1, 5e5, drift(size, 25)) + 2.0
+    result = fit_best_locus(Data(image, 9.0), optics, near(5e5), np.array([0.02, 0.0, 0.02]))
+    objective = {one.locus: one.objective for one in result.candidates}
+    # without noise: a drift's own chi-squared is none, a vibration's the square of its distance in kurtosis
+    assert result.straight_err == pytest.approx(
+        0.3 / np.sqrt(objective["shm"] - objective["linear"]), rel=0.03
+    )
+    moments, covariance = result.moments()
+    c, s = np.cos(np.radians(25)), np.sin(np.radians(25))
+    off = (moments - size**2 / 12 * np.array([c * c, c * s, s * s])) / np.sqrt(np.diag(covariance))
+    assert np.all(np.abs(off) < 0.012)
+
+
 @pytest.mark.parametrize(("width", "narrow"), [(1.0, False), (0.8, True)])
 def test_a_star_that_is_narrower_than_still_is_a_misfit(width, narrow, optics, rng):
     """Pixels that respond over 0.8 of their width take (1 - 0.8²)/12 of a pixel² from both variances."""
