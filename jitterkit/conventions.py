@@ -10,7 +10,7 @@
 
 Three foreign conventions meet us, each converted at one place: dLux's position angle (from +y towards
 +x, pointing from B to A) here, the rows of a TIFF (the first is the top one) in :mod:`jitterkit.frames`, and
-Roman's angle of the jitter (from +y towards +x) in :mod:`jitterkit.loci.cards`.
+Roman's angle of the jitter (from +y towards +x) in :mod:`jitterkit.loci.kernel`.
 """
 
 from __future__ import annotations

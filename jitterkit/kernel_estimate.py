@@ -145,8 +145,5 @@ def refuse_blurrier(excess: np.ndarray, covariance: np.ndarray, *, tolerated: fl
     # a trail widens adaptive moments a little across it too: some deficit there is not all round
     all_round = major < -_BLURRIER * np.sqrt(own[0, 0]) and minor > 2 * major
     where = "all round" if all_round else f"along {across:.0f} degrees"
-    raise UndeterminedError(
-        ErrorCode.BAD_REFERENCE,
-        f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance); "
-        "exchange them?",
-    )
+    problem = f"The reference is blurrier than the frame, {where} (by {-minor:.3g} pixel² of variance)"
+    raise UndeterminedError(ErrorCode.BAD_REFERENCE, f"{problem}; exchange them?")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import piece
+from jitterkit.detectors.knowledge import piece
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, displacement_effect, expected_image
 from jitterkit.frames.sky import sky_position_angle

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 LEAST_DAMPING = 1e-9
 """Damping of a step that is hardly damped: it keeps one along a direction without information finite."""
@@ -92,3 +94,38 @@ def error_factor(covariance: np.ndarray, index: int, other: int) -> float:
     variance = covariance[index, index]
     known = variance - covariance[index, other] ** 2 / covariance[other, other]
     return float(np.sqrt(variance / known)) if known > 0 else np.inf
+
+
+class Prior(eqx.Module):
+    """A normal prior on the free parameters, and one on the second moments of the jitter.
+
+    Attributes
+    ----------
+    mean : (p,) array
+    precision : (p, p) array
+        Inverse covariance; zero rows for parameters without a prior.
+    moments : (3,) array
+        Mean of the prior on the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²: the same
+        for every locus, whatever its coordinates.
+    moments_precision : (3, 3) array
+        Inverse covariance, arcsec⁻⁴; zero where nothing is known.
+    """
+
+    mean: Float[Array | np.ndarray, " p"]
+    precision: Float[Array | np.ndarray, "p p"]
+    moments: Float[Array | np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    moments_precision: Float[Array | np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @classmethod
+    def none(cls, size: int) -> Prior:
+        """Return a prior that says nothing about any of ``size`` parameters."""
+        return cls(np.zeros(size), np.zeros((size, size)))
+
+    def costs(self, values, moments) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Return the prior's terms of the deviance: quadratic in the parameters and in the moments."""
+        off, beside = values - self.mean, moments - self.moments
+        return off @ (self.precision @ off), beside @ self.moments_precision @ beside
+
+    def stiffness(self, slope) -> Float[Array, "p p"]:
+        """Return the prior's term of the information, where the moments change by ``slope`` (3, p)."""
+        return self.precision + slope.T @ self.moments_precision @ slope

@@ -13,8 +13,6 @@ from jaxtyping import Array, Bool, Float
 from jitterkit.conventions import direction_angle
 from jitterkit.precision import array_module, real
 
-__all__ = ["Binary", "FurtherStars", "Scene", "Star", "Stars"]
-
 
 class FurtherStars(eqx.Module):
     """Stars beside those that a scene is named after.
@@ -106,7 +104,7 @@ class Scene(eqx.Module):
         x, y, flux = self.stars()
         if self.others is None:
             return x, y, flux
-        more = _arrays(self.others)
+        more = jax.tree.leaves(self.others)
         join = array_module(x, y, flux, *more).concatenate
         x, y, flux = map(join, zip((x, y, flux), more, strict=True))
         return x, y, flux
@@ -141,14 +139,14 @@ class Scene(eqx.Module):
     def joined(self, others: FurtherStars) -> "Scene":
         """The same with further stars."""
         if self.others is not None:
-            both = zip(_arrays(self.others), _arrays(others), strict=True)
+            both = zip(jax.tree.leaves(self.others), jax.tree.leaves(others), strict=True)
             others = FurtherStars(*map(jnp.concatenate, both))
         return self._with(others.brightest_first())
 
     def with_others(self, kept: np.ndarray) -> "Scene":
         """The same with some of its further stars, which are marked true."""
         assert self.others is not None
-        return self._with(FurtherStars(*(part[np.asarray(kept)] for part in _arrays(self.others))))
+        return self._with(FurtherStars(*(part[np.asarray(kept)] for part in jax.tree.leaves(self.others))))
 
     @abstractmethod
     def _with(self, others: FurtherStars) -> "Scene":
@@ -293,14 +291,10 @@ class Stars(Star):
     @classmethod
     def of(cls, x, y, flux, indices=None) -> "Stars":
         """From positions [arcsec] and fluxes [electrons] (n,) of all stars, in any order."""
-        every = _arrays(FurtherStars(x, y, flux).brightest_first())
+        every = jax.tree.leaves(FurtherStars(x, y, flux).brightest_first())
         (x, *_), (y, *_), (flux, *_) = every
         return cls(x, y, flux, FurtherStars(*(part[1:] for part in every)), indices)
 
     def canonical(self) -> "Stars":
         """Return the stars, the brightest first."""
         return self.of(*self.sources(), self.indices)
-
-
-def _arrays(stars: FurtherStars) -> tuple:
-    return stars.x, stars.y, stars.flux

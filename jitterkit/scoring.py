@@ -12,7 +12,6 @@ computed in 32 bits, at the start, and again only where the steps since then sho
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import field
 from typing import NamedTuple
 
 import equinox as eqx
@@ -23,10 +22,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jitterkit.forward import Parameters, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance_and_score, information_at
-from jitterkit.metric import LEAST_DAMPING, Metric, invert_information
+from jitterkit.metric import LEAST_DAMPING, Metric, Prior, invert_information
 from jitterkit.optics.otf import OTF
-
-__all__ = ["ROUNDING_TOLERANCE", "Prior", "ScoringResult", "fisher_scoring", "fisher_scoring_without_prior"]
 
 ROUNDING_TOLERANCE = 0.1
 """Largest distance from the maximum, in standard errors, at which rounding may end a fit."""
@@ -40,41 +37,6 @@ where it was computed, at the end.  Errors were then off by 0.3 % at most, in 12
 small telescope at 2e3 to 3.8e7 photons that were started 1 to 30 errors away."""
 
 _DAMPING_START, _DAMPING_MOST = 1e-3, 1e8
-
-
-class Prior(eqx.Module):
-    """A normal prior on the free parameters, and one on the second moments of the jitter.
-
-    Attributes
-    ----------
-    mean : (p,) array
-    precision : (p, p) array
-        Inverse covariance; zero rows for parameters without a prior.
-    moments : (3,) array
-        Mean of the prior on the second moments ``(Sxx, Sxy, Syy)`` of the pointing, arcsec²: the same
-        for every locus, whatever its coordinates.
-    moments_precision : (3, 3) array
-        Inverse covariance, arcsec⁻⁴; zero where nothing is known.
-    """
-
-    mean: Float[Array | np.ndarray, " p"]
-    precision: Float[Array | np.ndarray, "p p"]
-    moments: Float[Array | np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
-    moments_precision: Float[Array | np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
-
-    @classmethod
-    def none(cls, size: int) -> Prior:
-        """Return a prior that says nothing about any of ``size`` parameters."""
-        return cls(np.zeros(size), np.zeros((size, size)))
-
-    def costs(self, values, moments) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """Return the prior's terms of the deviance: quadratic in the parameters and in the moments."""
-        off, beside = values - self.mean, moments - self.moments
-        return off @ (self.precision @ off), beside @ self.moments_precision @ beside
-
-    def stiffness(self, slope) -> Float[Array, "p p"]:
-        """Return the prior's term of the information, where the moments change by ``slope`` (3, p)."""
-        return self.precision + slope.T @ self.moments_precision @ slope
 
 
 class ScoringResult(NamedTuple):

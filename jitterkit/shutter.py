@@ -106,10 +106,9 @@ class Drifting(Shutter):
         self.line_time, self.velocity = jnp.asarray(line_time, float), jnp.asarray(velocity, float)
         self.nodes = _checked_nodes(nodes)
         if self.velocity.shape != (2,):
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"A drift has two velocities, along x and y; got an array of shape {self.velocity.shape}.",
-            )
+            problem = "A drift has two velocities, along x and y"
+            found = f"got an array of shape {self.velocity.shape}"
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}; {found}.")
 
     def window(self, fx, fy, delay):
         vx, vy = self.velocity
@@ -288,7 +287,6 @@ def _cardinal(nodes: int, at: np.ndarray) -> np.ndarray:
 
 def _checked_nodes(nodes: int) -> int:
     if not 1 <= nodes < _SEEN:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A shutter blends 1 to {_SEEN - 1} images; got nodes = {nodes}."
-        )
+        problem = f"A shutter blends 1 to {_SEEN - 1} images; got nodes = {nodes}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return int(nodes)

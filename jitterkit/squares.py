@@ -20,12 +20,10 @@ import numpy as np
 from jitterkit.forward import Parameters, held_with, parameter_names, to_vector
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci.base import moments_and_slope
-from jitterkit.metric import invert_information
+from jitterkit.metric import Prior, invert_information
 from jitterkit.optics import AnchoredOptics, OpticalSystem, Optics
-from jitterkit.optics.otf import OTF, to_parts
-from jitterkit.scoring import Prior
-
-__all__ = ["FreeSquares", "free_squares"]
+from jitterkit.optics.otf import OTF
+from jitterkit.precision import to_parts
 
 _REACH = 4.0
 """Of the spread of a mode that only its square shows: noise hardly makes larger values."""

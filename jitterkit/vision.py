@@ -38,10 +38,9 @@ def native(image: np.ndarray) -> np.ndarray:
     """
     array = np.asarray(image)
     if array.ndim != 2 or 0 in array.shape or array.dtype.kind not in "buif":
-        raise JitterkitError(
-            ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE,
-            f"shape {array.shape} of type {array.dtype} is not an image; give real numbers, (ny, nx).",
-        )
+        code = ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE
+        problem = f"shape {array.shape} of type {array.dtype} is not an image"
+        raise JitterkitError(code, f"{problem}; give real numbers, (ny, nx).")
     name = {"bool": "uint8", "int8": "int16"}.get(array.dtype.name, array.dtype.name)
     return np.ascontiguousarray(array, dtype=name if name in SUPPORTED else "float64")
 

@@ -23,7 +23,6 @@ _LEFT_OUT = (
     "jitterkit/cli/*",
     "jitterkit/report/*plots.py",
     "jitterkit/report/*pictures.py",
-    "jitterkit/report/axes.py",
     "jitterkit/report/html.py",
     "jitterkit/report/*words.py",
     "jitterkit/report/*_text.py",

@@ -63,7 +63,8 @@ def stages(root: Path, module: str, wide: bool = False) -> list[tuple[str, ...]]
     -------
     stages : list of tuple of str
         Paths for pytest.  The first set is the module itself, for its doctests, with the test files that are
-        named after it or import it by name; if there are none, with those that mention a name it exports.
+        named after it or import it by name; if there are none, with those that mention a public function or
+        class of it.
         The second set is the test folder of its subpackage.
     """
     path = PurePosixPath(module)
@@ -95,8 +96,7 @@ def _imports(file: Path, module: PurePosixPath) -> bool:
 
 
 def _mentions(file: Path, module: Path) -> bool:
-    exported = re.search(r"__all__ = \[(.*?)\]", module.read_text(encoding="utf-8"), re.DOTALL)
-    names = re.findall(r'"(\w+)"', exported[1]) if exported else []
+    names = re.findall(r"^(?:def|class) ([A-Za-z]\w*)", module.read_text(encoding="utf-8"), re.MULTILINE)
     return bool(set(names) & set(re.findall(r"\w+", file.read_text(encoding="utf-8"))))
 
 

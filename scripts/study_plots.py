@@ -17,9 +17,9 @@ from matplotlib.ticker import MaxNLocator
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Sweep
 from jitterkit.motion import arcsine_shares
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish
 from jitterkit.report.forecast_plots import plot_errors
 from jitterkit.report.kernel_plots import plot_kernel
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish
 
 _BINS, _REACH = 50, 4.5
 """Bars, and how many standard deviations of the draws the axis shows on either side of their median."""

@@ -44,7 +44,7 @@ ONLY_IN = {
     "photutils": {"starfield/detect.py"},
     "dLux": set(),
     "dLuxToliman": {"optics/toliman.py", "trade/public.py"},
-    "matplotlib": {"report/axes.py", "report/plots.py"}
+    "matplotlib": {"report/plots.py"}
     | {
         f"report/{noun}_plots.py"
         for noun in (
@@ -60,7 +60,6 @@ ONLY_IN = {
             "motion",
             "photon",
             "population",
-            "running",
             "series",
             "trade",
         )
@@ -69,7 +68,7 @@ ONLY_IN = {
     "jinja2": {"report/html.py"},
     "blackjax": {"refit/sampling.py"},
     "synphot": {"photons/stars.py"},
-    "rich": {"cli/docs.py", "cli/progress.py"},
+    "rich": {"cli/info.py", "cli/progress.py"},
 }
 """Libraries with sharp edges, each behind one module."""
 

@@ -3,5 +3,3 @@
 from jitterkit.batch.processor import FrameProcessor
 from jitterkit.batch.records import ProcessedFrame
 from jitterkit.batch.sequence import FileExposures
-
-__all__ = ["FileExposures", "FrameProcessor", "ProcessedFrame"]

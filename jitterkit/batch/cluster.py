@@ -116,20 +116,15 @@ def _client(scheduler: str) -> Any:
     try:
         client = distributed.Client(scheduler, timeout=_REACHED)
     except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            ErrorCode.UNREACHABLE,
-            f"No scheduler answers at {scheduler} ({error}); start one with 'dask scheduler', or see the "
-            "address.",
-        ) from None
+        problem = f"No scheduler answers at {scheduler} ({error}); start one with 'dask scheduler'"
+        raise ConfigurationError(ErrorCode.UNREACHABLE, f"{problem}, or see the address.") from None
     try:
         client.wait_for_workers(1, timeout=_JOINED)
     except TimeoutError:
         client.close()
-        raise ConfigurationError(
-            ErrorCode.UNREACHABLE,
-            f"The scheduler at {scheduler} has no workers; start some with "
-            f"'dask worker {scheduler} --nthreads 1'.",
-        ) from None
+        problem = f"The scheduler at {scheduler} has no workers"
+        remedy = f"start some with 'dask worker {scheduler} --nthreads 1'"
+        raise ConfigurationError(ErrorCode.UNREACHABLE, f"{problem}; {remedy}.") from None
     return client
 
 
@@ -257,20 +252,16 @@ class _Scheduler(Generic[T]):
         except distributed.KilledWorker:
             self._killed += 1
             if self._killed >= _MOST_DEATHS and not self._done:
-                raise ConfigurationError(
-                    ErrorCode.WORKER_LOST,
-                    f"Workers died {self._killed} times and none has finished anything; see that there is "
-                    "memory for them (1 GB each), or start fewer.",
-                ) from None
+                problem = f"Workers died {self._killed} times and none has finished anything"
+                remedy = "see that there is memory for them (1 GB each), or start fewer"
+                raise ConfigurationError(ErrorCode.WORKER_LOST, f"{problem}; {remedy}.") from None
             return None
         except (distributed.scheduler.NoValidWorkerError, distributed.scheduler.NoWorkerError):
-            raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "No worker is left; see why they end, and continue with --resume."
-            ) from None
+            problem = "No worker is left; see why they end, and continue with --resume."
+            raise ConfigurationError(ErrorCode.WORKER_LOST, problem) from None
         except CancelledError:
-            raise ConfigurationError(
-                ErrorCode.WORKER_LOST, "The scheduler is gone; see why it ended, and continue with --resume."
-            ) from None
+            problem = "The scheduler is gone; see why it ended, and continue with --resume."
+            raise ConfigurationError(ErrorCode.WORKER_LOST, problem) from None
         self._done += 1
         return finished
 

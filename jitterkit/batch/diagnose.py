@@ -131,10 +131,8 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     if result.status.usable and {"separation", PLATE_SCALE} <= set(result.names):
         factor = error_factor(result.covariance, *map(result.names.index, ("separation", PLATE_SCALE)))
         if factor > LARGE_FACTOR:
-            remark = (
-                f"The error of the separation is {factor:.3g} times as large as with a known plate scale."
-            )
-            result = result.remarked(remark, "scale_degenerate")
+            times = f"{factor:.3g} times as large as with a known plate scale"
+            result = result.remarked(f"The error of the separation is {times}.", "scale_degenerate")
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
     minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
@@ -160,7 +158,7 @@ def classify(
     if result.status in (Status.OK, Status.NOT_CONVERGED) and single_star(result):
         message = f"{Status.NO_PAIR.value}: a second one is lost in its noise."
         return replace(result, status=Status.NO_PAIR, message=message)
-    if problem := result.implausible(frame.shape, frame.plate_scale or plate_scale):
+    if problem := result.parameters.implausible(frame.shape, frame.plate_scale or plate_scale):
         message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
@@ -200,16 +198,11 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     close = contrast > LIMITS.contrast and separation < LIMITS.separation * resolution(otf)
     if not (result.status.usable and close):
         return result
-    remark = (
-        f"The companion, {contrast:.3g} times fainter and {separation:.3g} arcsec away, may be a speckle."
-    )
+    found = f"{contrast:.3g} times fainter and {separation:.3g} arcsec away"
     if "misfit" in result.flags and result.chi2 - result.dof > LIMITS.misfit * math.sqrt(2 * result.dof):
-        result = replace(
-            result,
-            status=Status.POOR_FIT,
-            message=f"{Status.POOR_FIT.value}: chi²/dof is {result.chi2_dof:.4g} with a companion.",
-        )
-    return result.remarked(remark, "faint_companion")
+        message = f"{Status.POOR_FIT.value}: chi²/dof is {result.chi2_dof:.4g} with a companion."
+        result = replace(result, status=Status.POOR_FIT, message=message)
+    return result.remarked(f"The companion, {found}, may be a speckle.", "faint_companion")
 
 
 def scale_hint(frame: Frame, expected: float) -> str:
@@ -217,10 +210,8 @@ def scale_hint(frame: Frame, expected: float) -> str:
     known = frame.metadata.plate_scale
     if known is None or abs(known.value / expected - 1) < 0.01:
         return ""
-    return (
-        f"Its plate scale of {known.value:g} arcsec ({known.source}) is not the instrument's {expected:g}: "
-        "give --plate-scale if it is wrong."
-    )
+    found = f"Its plate scale of {known.value:g} arcsec ({known.source}) is not the instrument's {expected:g}"
+    return f"{found}: give --plate-scale if it is wrong."
 
 
 def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
@@ -239,10 +230,8 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
     remark = f"{count} further star{'s' * (count > 1)} fitted, {which}{fainter}, {apart:.3g} arcsec from it."
     near = np.hypot(x[:2] - x[brightest], y[:2] - y[brightest]) < LIMITS.separation * resolution(otf)
     if np.any(near & (flux[:2] > LIMITS.further * flux[brightest])):
-        remark += (
-            " So near to a star it may be an error of the optics, or of pixels that do not respond in "
-            "proportion to the light; then the jitter is wrong too."
-        )
+        cause = "an error of the optics, or of pixels that do not respond in proportion to the light"
+        remark = f"{remark} So near to a star it may be {cause}; then the jitter is wrong too."
     return result.remarked(remark, "further_stars")
 
 
@@ -305,7 +294,5 @@ def _outlier_hint(frame: Frame, result: FitResult) -> str:
     row, column = np.unravel_index(int(size.argmax()), size.shape)
     position = f"x = {frame.origin[0] + int(column)}, y = {frame.origin[1] + int(row)}"
     number = "One pixel stands" if count == 1 else f"{count} pixels stand"
-    return (
-        f"{number} out by more than {LIMITS.outlier:g} sigma (the worst at {position}) and the rest fits: "
-        "give the instrument a map of its hot pixels, unless it lies on a star."
-    )
+    found = f"{number} out by more than {LIMITS.outlier:g} sigma (the worst at {position}) and the rest fits"
+    return f"{found}: give the instrument a map of its hot pixels, unless it lies on a star."

@@ -6,14 +6,14 @@ the size of a batch, and from nothing else: a run that is resumed with the same 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 from typing import Self
 
-from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError
-from jitterkit.frames import FrameFile, RawFrame, frame_count, open_frames
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, JitterkitError, out_of_memory
+from jitterkit.frames import Frame, FrameFile, RawFrame, frame_count, open_frames
 
 Item = tuple[Path, int]
 """File and index of the frame in it."""
@@ -98,7 +98,7 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         In the order of the table.
     counts : iterable of int
         Frames in each file, from :func:`count_frames`, or from
-        :meth:`~jitterkit.batch.store.Store.frame_counts`, which knows them from the session before.
+        :meth:`~jitterkit.batch.store_file.FileCounts.frames`, which knows them from the session before.
     size : int
         Frames in a batch; the last may have fewer.
 
@@ -115,9 +115,8 @@ def plan_batches(files: Iterable[Path], counts: Iterable[int], size: int) -> Ite
         If there are fewer or more counts than files.
     """
     if size < 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A batch cannot have {size} frames; give one or more."
-        )
+        problem = f"A batch cannot have {size} frames; give one or more."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     items = ((path, index) for path, n in zip(files, counts, strict=True) for index in range(n))
     references: tuple[Item, ...] = ()
     for number in count():
@@ -187,3 +186,20 @@ class FrameReader:
         if isinstance(self._file, FrameFile):
             self._file.close()
         self._file = None
+
+
+def read_calibrated(
+    items: Iterable[Item], hdu: int | None, calibrate: Callable[[RawFrame], Frame]
+) -> Iterator[Frame]:
+    """Yield frames in electrons; those that cannot be read or calibrated are left out, their rows say why."""
+    with FrameReader(hdu) as reader:
+        for _, _, raw in reader.read(items):
+            try:
+                if isinstance(raw, JitterkitError):
+                    raise raw
+                frame = calibrate(raw)
+            except Exception as error:
+                if out_of_memory(error):
+                    raise
+                continue
+            yield frame

@@ -18,19 +18,18 @@ import jax.numpy as jnp
 
 from jitterkit.batch import steps
 from jitterkit.batch.diagnose import status_from_exception
-from jitterkit.batch.plan import Batch, FrameReader, Item
+from jitterkit.batch.plan import Batch, Item, read_calibrated
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
 from jitterkit.batch.warm_start import (
     AUTO,
     SCORE,
     GridKey,
-    SearchedFrame,
     WarmStart,
     WarmStartCache,
     from_searched_frames,
     warm_start,
 )
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, out_of_memory
+from jitterkit.errors import ConfigurationError, ErrorCode, out_of_memory
 from jitterkit.estimators import estimator
 from jitterkit.frames import Frame, Metadata, RawFrame
 from jitterkit.instruments import Instrument
@@ -43,6 +42,7 @@ from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.scene import Star
 
 log = logging.getLogger(__name__)
+_warn_once = functools.cache(log.warning)
 
 _SYSTEMS = 8
 """Optics kept, one a grid: a scale that is solved again in each frame must not fill the memory."""
@@ -100,13 +100,12 @@ class FrameProcessor:
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible numbers before any frame is read, and warn of 32 bits."""
         if jnp.zeros(()).dtype == jnp.float32:
-            _warn_of_32_bits()
+            found = "JAX computes in 32 bits, which costs accuracy"
+            _warn_once(f"{found}: call jax.config.update('jax_enable_x64', True) before anything else.")
         estimator(self.kernel)
         if self.scene not in (AUTO, *SCENES):
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There is no scene {self.scene!r}; give one of {', '.join((AUTO, *SCENES))}.",
-            )
+            problem = f"There is no scene {self.scene!r}; give one of {', '.join((AUTO, *SCENES))}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         if self.locus != AUTO:
             locus_class(self.locus)
         Metadata().apply("command line", **self.overrides)
@@ -181,16 +180,9 @@ class FrameProcessor:
             stars are found, and is not made.
         """
         score = self.kernel == SCORE  # any other estimate takes the place of the score's
-        start = steps.locate(
-            frame,
-            self.optics(frame),
-            self.scene,
-            options=self.options,
-            censored=self.censored,
-            warm=self.known.get(self.grid(frame)),
-            rough=rough and score,
-            shape=score and not rough,
-        )
+        where, warm = (frame, self.optics(frame), self.scene), self.known.get(self.grid(frame))
+        how: Any = {"rough": rough and score, "shape": score and not rough}
+        start = steps.locate(*where, options=self.options, censored=self.censored, warm=warm, **how)
         if isinstance(start, FitResult) or (rough and score):
             return start
         return replace(start, estimate=steps.estimate(start, self.kernel, hold=self.options.hold))
@@ -225,14 +217,14 @@ class FrameProcessor:
 
         def search(frame: Frame) -> SceneChoice | FitResult:
             data, warm = Data.of(frame, censored=self.censored), self.known.get(self.grid(frame))
-            where = self.optics(frame), self.scene, data, self.options, warm
-            return steps.search(frame, *where, rough=True)[0]
+            return steps.search(frame, self.optics(frame), self.scene, data, self.options, warm, rough=True)[
+                0
+            ]
 
         try:
             found = search(frame)
             if self.known_light is not None and not isinstance(found, FitResult):
-                start = found.start
-                light = self.known_light.of_frame(frame, start.parameters, start.otf)
+                light = self.known_light.of_frame(frame, found.start.parameters, found.start.otf)
                 found = search(without_light(frame, light))
         except Exception as error:
             if out_of_memory(error):
@@ -254,10 +246,9 @@ class FrameProcessor:
             return self.known[key].optics(frame)
         system = self._systems.get(key)
         if system is None:
-            shape, scale = key
             while len(self._systems) >= _SYSTEMS:
                 self._systems.pop(next(iter(self._systems)), None)
-            system = self._systems[key] = self.instrument.system(shape=shape, plate_scale=scale)
+            system = self._systems[key] = self.instrument.system(shape=key[0], plate_scale=key[1])
         return system
 
     def grid(self, frame: Frame) -> GridKey:
@@ -297,32 +288,13 @@ class FrameProcessor:
         self, references: tuple[Item, ...], hdu: int | None, scene_only: bool
     ) -> dict[GridKey, WarmStart]:
         """Look at reference frames until one is in no doubt of its scene; at all for their scene only."""
-        searched: dict[GridKey, list[SearchedFrame]] = {}
+        searched: dict[GridKey, list] = {}
         if scene_only and self.scene != AUTO:
             return {}
-        with FrameReader(hdu) as reader:
-            for _, _, raw in reader.read(references):
-                try:
-                    if isinstance(raw, JitterkitError):
-                        raise raw
-                    frame = self.calibrate(raw)
-                except Exception as error:
-                    if out_of_memory(error):
-                        raise
-                    continue  # the frame's own row will say why
-                seen = searched.setdefault(self.grid(frame), [])
-                if scene_only or not any(choice.is_sure for _, choice in seen):
-                    choice = self.choose_scene(frame)
-                    seen += [] if choice is None else [(frame, choice)]
-        starts = {
-            key: from_searched_frames(seen, self.warm_start, scene_only) for key, seen in searched.items()
-        }
-        return {key: start for key, start in starts.items() if start is not None}
-
-
-@functools.cache
-def _warn_of_32_bits() -> None:
-    log.warning(
-        "JAX computes in 32 bits, which costs accuracy: call jax.config.update('jax_enable_x64', True) "
-        "before anything else."
-    )
+        for frame in read_calibrated(references, hdu, self.calibrate):
+            seen = searched.setdefault(self.grid(frame), [])
+            if scene_only or not any(choice.is_sure for _, choice in seen):
+                choice = self.choose_scene(frame)
+                seen += [] if choice is None else [(frame, choice)]
+        starts = ((key, from_searched_frames(s, self.warm_start, scene_only)) for key, s in searched.items())
+        return {key: start for key, start in starts if start is not None}

@@ -54,10 +54,8 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
     what = f"{printable(directory)} was started {_describe_difference(path, before, after)}"
     if path[0] == VERSIONS:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{what}, and the last digits need the same versions; install those, or give another directory.",
-        )
+        problem = f"{what}, and the last digits need the same versions; install those"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, or give another directory.")
     raise ConfigurationError(ErrorCode.CONFLICT, f"{what}; give the same, or another directory.")
 
 

@@ -13,7 +13,7 @@ from jitterkit.batch.diagnose import status_from_exception
 from jitterkit.batch.processor import FrameProcessor
 from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.reader import Duplicates
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.joint import Exposure
 from jitterkit.optics.system import Optics
@@ -189,12 +189,8 @@ class _Clock:
         assert frame.path is not None
         start, known = self._times.get(frame.path), frame.metadata.time
         if start is None or known is None:
-            raise FrameError(
-                ErrorCode.MISSING_VALUE,
-                frame.path,
-                "does not say when it was taken, as others do",
-                "give the --cadence",
-            )
+            problem = "does not say when it was taken, as others do"
+            raise FrameError(ErrorCode.MISSING_VALUE, frame.path, problem, "give the --cadence")
         start += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
         self._zero = start if self._zero is None else self._zero
         return start - self._zero + exposure / 2

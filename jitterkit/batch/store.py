@@ -12,77 +12,23 @@ In the ``sqlite3`` shell, when no run has it open, the tables ``frames`` and ``r
 from __future__ import annotations
 
 import json
-import math
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.resume import Counted, counted, recounted, refuse_difference
-from jitterkit.batch.store_file import StoreFile, translate_errors, unwritable
+from jitterkit.batch.ranking import Rank, Row, rank, top
+from jitterkit.batch.resume import refuse_difference
+from jitterkit.batch.store_file import FileCounts, StoreFile, translate_errors, unwritable
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 
 STORE = "ledger.sqlite"
 """Its name in the directory of a run."""
 
-Row = dict[str, Any]
-"""Column name to text, integer or float."""
-
-Rank = tuple[bool, float, int, int]
-"""Whether a frame was fitted, minus its misfit, its batch and its position there: the worst sorts first."""
-
-TOP = 24
-"""Frames of each kind, fitted or not, of which data for a picture are kept."""
-
 _READABLE_COLUMNS = ("file", "frame", "status", "locus", "separation", "separation_err", "chi2_dof")
 """Columns of a row that stand in the table ``frames`` besides, for people."""
-
-_AT_ONCE = 64
-"""Files counted between two writes: a flush of the disk costs as much as opening a file or more."""
-
-
-def rank(row: Row, batch: int, index: int) -> Rank:
-    """Rank a frame among those of its kind; one without a fit comes behind those with a bad one."""
-    misfit = row["chi2_dof"]
-    return row["status"] == "ok", -misfit if math.isfinite(misfit) else math.inf, batch, index
-
-
-def top(ranks: Iterable[Rank], most: int = TOP) -> list[Rank]:
-    """Return the worst of each kind, fitted or not: a report shows as many of both together.
-
-    Ties go to the frame that comes first in the plan.  The worst of several runs of frames are the worst of
-    the worst of each, so one may ask early and often.
-    """
-    ordered = sorted(ranks)
-    fitted = [one for one in ordered if one[0]]
-    return [one for one in ordered if not one[0]][:most] + fitted[:most]
-
-
-def wanted(
-    ranks: Iterable[Rank], batch: int, rows: Mapping[int, Row], start: int = 0, most: int = TOP
-) -> list[int]:
-    """Return of which frames of a batch to keep data for a picture.
-
-    Parameters
-    ----------
-    ranks : iterable of Rank
-        Of those kept, from :meth:`Store.ranks`; older ones will do, and only keep one or two more.
-    batch : int
-    rows : mapping from int to dict
-        By position behind ``start``, the rows of frames that can be drawn at all.
-    start : int
-        Position in the batch of the first of them.
-
-    Returns
-    -------
-    indices : list of int
-        Positions behind ``start``.
-    """
-    new = [rank(row, batch, start + index) for index, row in rows.items()]
-    return sorted(index - start for _, _, number, index in set(top([*ranks, *new], most)) & set(new))
 
 
 class Store(AbstractContextManager["Store"]):
@@ -94,6 +40,8 @@ class Store(AbstractContextManager["Store"]):
     ----------
     path : Path
         ``ledger.sqlite`` in the run's directory.
+    counts : FileCounts
+        How many frames each file of the run has.
     configuration : dict
         The configuration with which the run was started.
     notes : dict
@@ -111,6 +59,7 @@ class Store(AbstractContextManager["Store"]):
 
     def __init__(self, path: Path) -> None:
         self.path, self._file = path, StoreFile(path)
+        self.counts = FileCounts(self._file)
         with self._closed_on_error():
             noted = dict(self._file.read("SELECT name, value FROM run"))
             with translate_errors(path):
@@ -153,11 +102,9 @@ class Store(AbstractContextManager["Store"]):
         store = cls(Path(directory) / STORE)
         with store._closed_on_error():
             if store._has_run and not overwrite:
-                raise ConfigurationError(
-                    ErrorCode.EXISTS,
-                    f"{printable(store.path)} holds a run already; give --resume to continue it, "
-                    "--overwrite to start again, or another directory.",
-                )
+                problem = f"{printable(store.path)} holds a run already"
+                remedy = "give --resume to continue it, --overwrite to start again, or another directory"
+                raise ConfigurationError(ErrorCode.EXISTS, f"{problem}; {remedy}.")
             for name in results if overwrite else ():  # first: whatever kills it now, none outlive their run
                 try:
                     (store.path.parent / name).unlink(missing_ok=True)
@@ -306,60 +253,6 @@ class Store(AbstractContextManager["Store"]):
             found = self._file.read("SELECT name, data FROM stacks")
             return {name: zlib.decompress(packed) for name, packed in found}
 
-    def check_files(self, files: Sequence[Path], count: Callable[[Path], int], size: int) -> None:
-        """Look whether files are still those that were counted, before a run goes on.
-
-        Parameters
-        ----------
-        files, count
-            As for :meth:`frame_counts`.
-        size : int
-            Frames in a batch.
-
-        Raises
-        ------
-        ConfigurationError
-            As from :func:`~jitterkit.batch.resume.recounted`; what has changed without harm is counted
-            again.
-        """
-        changed = recounted(files, self._counted(), count, size, self.done())
-        with self._file.transaction() as execute:
-            self._keep_counts(execute, changed)
-
-    def frame_counts(self, files: Sequence[Path], count: Callable[[Path], int]) -> Iterator[int]:
-        """Yield the number of frames in each file, each counted once in the life of a run.
-
-        Parameters
-        ----------
-        files : sequence of Path
-            The same, in the same order, whenever the run is resumed.
-        count : callable
-            Counts the frames of a file, :func:`~jitterkit.batch.plan.count_frames`.
-
-        Yields
-        ------
-        frames : int
-            A number is kept before it is yielded, with the size and time of the file.  So the plan of a run
-            stays as it was, even if a file has since vanished, and no batch comes to mean other frames.
-        """
-        known = self._counted()
-        yield from (one.frames for one in known)
-        index, fresh = len(known), (counted(path, count) for path in files[len(known) :])
-        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), index)):
-            with self._file.transaction() as execute:
-                self._keep_counts(execute, chunk)
-            yield from (one.frames for one in chunk.values())
-            index += len(chunk)
-
-    def _counted(self) -> list[Counted]:
-        found = self._file.read("SELECT frames, size, time FROM files ORDER BY position")
-        return [Counted(frames, None if size is None else (size, time)) for frames, size, time in found]
-
-    def _keep_counts(self, execute: Callable, files: Mapping[int, Counted]) -> None:
-        for position, one in files.items():
-            values = (position, one.frames, *(one.stamp or (None, None)))
-            execute("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)", values)
-
     @property
     def _has_run(self) -> bool:
         return bool(self._file.read("SELECT 1 FROM run WHERE name = 'configuration'"))
@@ -384,11 +277,9 @@ class Store(AbstractContextManager["Store"]):
 def _refuse_results(directory: Path, results: Iterable[str]) -> None:
     """Raise if a directory has results of a run but no ledger of it."""
     if present := [name for name in results if (directory / name).exists()]:
-        raise ConfigurationError(
-            ErrorCode.EXISTS,
-            f"{printable(directory)} holds {present[0]} but no ledger of a run to continue; give "
-            "--overwrite instead of --resume to replace it, or another directory.",
-        )
+        problem = f"{printable(directory)} holds {present[0]} but no ledger of a run to continue"
+        remedy = "give --overwrite instead of --resume to replace it, or another directory"
+        raise ConfigurationError(ErrorCode.EXISTS, f"{problem}; {remedy}.")
 
 
 def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """The SQLite file of a store, open to one process at a time, and what can happen to it, in sentences.
 
-Reach for :class:`StoreFile`: it reads, and writes all of a block or nothing.  Its lock is SQLite's own and
-ends with the process that holds it, however that ends.
+Reach for :class:`StoreFile`: it reads, and writes all of a block or nothing; :class:`FileCounts` keeps
+there how many frames each file of a run has.  Its lock is SQLite's own and ends with the process that
+holds it, however that ends.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import sqlite3
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from jitterkit.batch.resume import Counted, counted, recounted
 from jitterkit.errors import ConfigurationError, ErrorCode, printable
 
 _APPLICATION = 0x4A544B4C
@@ -143,10 +146,8 @@ def _recognise(path: Path, connection: sqlite3.Connection) -> None:
     if _is_empty(connection):
         return
     if _pragma(connection, "application_id") != _APPLICATION:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_FORMAT,
-            f"{printable(path)} is a database but no ledger; give another directory.",
-        )
+        problem = f"{printable(path)} is a database but no ledger; give another directory."
+        raise ConfigurationError(ErrorCode.UNKNOWN_FORMAT, problem)
     if (found := _pragma(connection, "user_version")) != _FORMAT:
         raise ConfigurationError(
             ErrorCode.UNSUPPORTED,
@@ -184,43 +185,99 @@ def translate_errors(path: Path) -> Iterator[None]:
 def _translated(path: Path, error: Exception) -> ConfigurationError:
     code, file, directory = _code(error), printable(path), printable(path.parent)
     if code in _LOCKED:
-        return ConfigurationError(
-            ErrorCode.LOCKED,
-            f"Another run is writing to {directory} (if there is none, its disk cannot lock files); wait "
-            "for it, or give another directory.",
-        )
+        problem = f"Another run is writing to {directory} (if there is none, its disk cannot lock files)"
+        return ConfigurationError(ErrorCode.LOCKED, f"{problem}; wait for it, or give another directory.")
     if code == sqlite3.SQLITE_FULL:
-        return ConfigurationError(
-            ErrorCode.NOT_WRITABLE,
-            f"{file} cannot grow ({error}); free some space and resume the run: its results so far are kept.",
-        )
+        problem = f"{file} cannot grow ({error}); free some space and resume the run"
+        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}: its results so far are kept.")
     if code in _BROKEN:
-        return ConfigurationError(
-            ErrorCode.NOT_WRITABLE,
-            f"{file} cannot be read or written ({error}); look at its disk (space, quota, connection) and "
-            "resume the run: what it did is kept.",
-        )
+        problem = f"{file} cannot be read or written ({error})"
+        remedy = "look at its disk (space, quota, connection) and resume the run: what it did is kept"
+        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}; {remedy}.")
     return unwritable(path, error) if code in _CLOSED else _damaged(path, error)
 
 
 def unwritable(path: Path, problem: object) -> ConfigurationError:
     """Return the error of a file that may only be read, or not even that."""
-    return ConfigurationError(
-        ErrorCode.NOT_WRITABLE,
-        f"{printable(path)} cannot be written ({problem}); give a directory that can, or look at its "
-        "permissions.",
-    )
+    message = f"{printable(path)} cannot be written ({problem}); give a directory that can"
+    return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{message}, or look at its permissions.")
 
 
 def _damaged(path: Path, problem: object) -> ConfigurationError:
     what = " ".join(printable(problem).replace(r"\n", " ").split())
-    return ConfigurationError(
-        ErrorCode.DAMAGED,
-        f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again, or give another "
-        "directory.",
-    )
+    message = f"{printable(path)} is damaged or no ledger ({what}); delete it and begin again"
+    return ConfigurationError(ErrorCode.DAMAGED, f"{message}, or give another directory.")
 
 
 def _code(error: BaseException | None) -> int:
     """Return SQLite's code, without the detail in its upper bytes; 0 if it has none."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
+_AT_ONCE = 64
+"""Files counted between two writes: a flush of the disk costs as much as opening a file or more."""
+
+
+class FileCounts:
+    """The numbers of frames in the files of a run, as its ledger keeps them."""
+
+    def __init__(self, file: StoreFile) -> None:
+        self._file = file
+
+    def check(
+        self, files: Sequence[Path], count: Callable[[Path], int], size: int, done: Collection[int]
+    ) -> None:
+        """Look whether files are still those that were counted, before a run goes on.
+
+        Parameters
+        ----------
+        files, count
+            As for :meth:`frames`.
+        size : int
+            Frames in a batch.
+        done : collection of int
+            Numbers of the batches of which anything has been entered.
+
+        Raises
+        ------
+        ConfigurationError
+            As from :func:`~jitterkit.batch.resume.recounted`; what has changed without harm is counted
+            again.
+        """
+        changed = recounted(files, self._counted(), count, size, done)
+        with self._file.transaction() as execute:
+            self._keep(execute, changed)
+
+    def frames(self, files: Sequence[Path], count: Callable[[Path], int]) -> Iterator[int]:
+        """Yield the number of frames in each file, each counted once in the life of a run.
+
+        Parameters
+        ----------
+        files : sequence of Path
+            The same, in the same order, whenever the run is resumed.
+        count : callable
+            Counts the frames of a file, :func:`~jitterkit.batch.plan.count_frames`.
+
+        Yields
+        ------
+        frames : int
+            A number is kept before it is yielded, with the size and time of the file.  So the plan of a run
+            stays as it was, even if a file has since vanished, and no batch comes to mean other frames.
+        """
+        known = self._counted()
+        yield from (one.frames for one in known)
+        index, fresh = len(known), (counted(path, count) for path in files[len(known) :])
+        while chunk := dict(enumerate(islice(fresh, _AT_ONCE), index)):
+            with self._file.transaction() as execute:
+                self._keep(execute, chunk)
+            yield from (one.frames for one in chunk.values())
+            index += len(chunk)
+
+    def _counted(self) -> list[Counted]:
+        found = self._file.read("SELECT frames, size, time FROM files ORDER BY position")
+        return [Counted(frames, None if size is None else (size, time)) for frames, size, time in found]
+
+    def _keep(self, execute: Callable, files: Mapping[int, Counted]) -> None:
+        for position, one in files.items():
+            values = (position, one.frames, *(one.stamp or (None, None)))
+            execute("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?)", values)

@@ -18,23 +18,3 @@ from jitterkit.calibration.products import together, write_calibration
 from jitterkit.calibration.stack import Shot, Stack
 from jitterkit.calibration.stack_files import open_stacks
 from jitterkit.calibration.transfer import PhotonTransfer, photon_transfer
-
-__all__ = [
-    "FLAGS",
-    "Calibration",
-    "Level",
-    "Linearity",
-    "Master",
-    "MeasuredMap",
-    "PhotonTransfer",
-    "Settings",
-    "Shot",
-    "Stack",
-    "calibrate",
-    "combine",
-    "fit_linearity",
-    "open_stacks",
-    "photon_transfer",
-    "together",
-    "write_calibration",
-]

@@ -15,7 +15,7 @@ import numpy as np
 from jitterkit.calibration.stack import Shot, Stack, look
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import FrameFile, RawFrame, find_files, open_frames
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.reader import Duplicates
 
 _SAME_EXPOSURE = 1e-6
 """Relative; exposures nearer than that are one."""

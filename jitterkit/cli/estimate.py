@@ -132,8 +132,7 @@ def estimate(
     blur_estimator: Any
     metadata = detector.metadata()
     if replaced or blind:
-        from jitterkit.batch.scene_blur import SceneBlurEstimator
-        from jitterkit.batch.sharp_frame import sharpest
+        from jitterkit.batch.scene_blur import SceneBlurEstimator, sharpest
 
         if str(reference) == _ROUNDEST:
             sharp, stars = sharpest(paths, hdu), True

@@ -1,7 +1,11 @@
-"""Print the metadata of frames and instruments with their sources: ``jitterkit info``."""
+"""Print the metadata of frames and instruments with their sources, ``jitterkit info``, and the handbook.
+
+``jitterkit docs`` shows the latter in the terminal.
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -80,3 +84,26 @@ def _echo(title: Path | str, rows: Rows, warnings: tuple[str, ...] = ()) -> None
     lines = aligned([("", "value", "unit", "source"), *rows])
     lines += [f"warning: {warning}" for warning in warnings]
     typer.echo("\n".join([str(title), *(f"  {line}" for line in lines)]))
+
+
+def docs(*, topic: Annotated[str | None, typer.Argument()] = None) -> None:
+    """List the pages of the handbook, or show one.
+
+    Parameters
+    ----------
+    topic : TOPIC
+        A page; without it, all pages are listed.
+    """
+    from jitterkit.docs import read_page, topics
+
+    if topic is None:
+        titles = topics()
+        width = max(map(len, titles))
+        typer.echo("\n".join(f"{name:<{width}}  {title}" for name, title in titles.items()))
+    elif sys.stdout.isatty():
+        from rich.console import Console
+        from rich.markdown import Markdown
+
+        Console().print(Markdown(read_page(topic)))
+    else:
+        typer.echo(read_page(topic), nl=False)

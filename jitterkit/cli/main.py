@@ -11,19 +11,17 @@ from jitterkit.cli.calibrate import calibrate
 from jitterkit.cli.causes import causes
 from jitterkit.cli.command import as_command
 from jitterkit.cli.crossfit import crossfit
-from jitterkit.cli.docs import docs
 from jitterkit.cli.estimate import estimate
 from jitterkit.cli.forecast import forecast
-from jitterkit.cli.info import info
+from jitterkit.cli.info import docs, info
 from jitterkit.cli.instrument import instrument
 from jitterkit.cli.motion import motion
 from jitterkit.cli.photons import photons
-from jitterkit.cli.process import process
+from jitterkit.cli.run import process, watch
 from jitterkit.cli.runtime import set_verbosity
 from jitterkit.cli.sequence import sequence
 from jitterkit.cli.simulate import simulate
 from jitterkit.cli.trade import trade
-from jitterkit.cli.watch import watch
 
 app = typer.Typer(
     name="jitterkit",

@@ -1,16 +1,34 @@
-"""Declare the options of a run that writes a directory of results, and report its result."""
+"""Fit frames one by one, ``jitterkit process``, or as they arrive, ``jitterkit watch``.
+
+Both write a directory of results: :class:`Run` declares its options, and :func:`finalize` reports the
+result.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.runtime import LISTED, SOME_FAILED, command_line, log
+from jitterkit.cli.frame_fit import FrameFit, Plan
+from jitterkit.cli.progress import live_screen, run_progress
+from jitterkit.cli.runtime import (
+    LISTED,
+    SOME_FAILED,
+    as_interrupt,
+    command_line,
+    log,
+    refuse_if,
+    until_interrupted,
+)
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
 _REPORTED = {"prior_contradicted", "prior_unused", "prior_namesake"}
@@ -139,3 +157,116 @@ def warn_of_rolling_shutter(run, telescope) -> None:
             f"drift along the pair and the columns moves its separation by {angle_size(leverage, 2)} per "
             "arcsec/s. 'jitterkit sequence' takes it out."
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """Choose the processes that share the work.
+
+    Parameters
+    ----------
+    workers
+        Number of processes on this machine, each with one thread; by default one process with as many threads
+        as there are processors.
+    scheduler : ADDRESS
+        Scheduler of dask.distributed whose workers share the work: tcp://host:8786. Files must be readable
+        there under the same paths.
+    """
+
+    workers: Annotated[int | None, typer.Option(min=1, max=1024)] = None
+    scheduler: str | None = None
+
+    def check(self) -> None:
+        """Refuse workers beside those of a scheduler."""
+        problem = "A scheduler has its own workers; give --workers or --scheduler."
+        refuse_if(self.workers is not None and self.scheduler is not None, ErrorCode.CONFLICT, problem)
+
+    @contextlib.contextmanager
+    def executor(self) -> Iterator[Callable | None]:
+        """Yield the function that processes batches on the workers; None if there are none."""
+        if self.workers is None and self.scheduler is None:
+            yield None
+            return
+        from jitterkit.batch.cluster import connected, execute_on_cluster
+
+        with connected(self.workers, self.scheduler) as client:
+            yield partial(execute_on_cluster, client=client)
+
+
+def process(
+    *,
+    files: options.Files,
+    output: options.OutputDirectory,
+    hdu: options.Hdu = None,
+    workers: Workers,
+    plan: Plan,
+    run: Run,
+    fit: FrameFit,
+) -> None:
+    """Fit every frame: kernel estimate, then separation, optics and jitter together.
+
+    Writes results.ecsv (a row per frame), summary.json, report.html, configuration.json and, during the run,
+    ledger.sqlite. Exit status: 0 if every frame was fitted, 1 if some were not, 2 if the command cannot be
+    carried out.
+    """
+    from jitterkit.frames import find_files
+
+    workers.check()
+    plan.check()
+    paths = find_files(files)
+    run.check(output)
+    processor, planned = plan.apply(fit.processor(), paths, hdu, output if run.resume else None)
+    from jitterkit.run import process_files
+
+    settings = run.settings() | {"hdu": hdu, "plan": planned}
+    try:
+        with as_interrupt(), workers.executor() as executor, run_progress(len(paths)) as (watch, before):
+            settings |= {"executor": executor, "watch": watch, "before": before}
+            result = process_files(paths, output, processor, **settings)
+    except KeyboardInterrupt:
+        instead = " instead of --overwrite" * run.overwrite
+        log(f"Results so far are kept in {output}: repeat the command with --resume{instead} to continue.")
+        raise
+    finalize(result, processor.instrument)
+
+
+def watch(
+    *,
+    directory: Annotated[Path, typer.Argument()],
+    output: options.OutputDirectory,
+    idle: Annotated[float | None, typer.Option(min=0.0)] = None,
+    poll: Annotated[float, typer.Option(min=0.05)] = 1.0,
+    hdu: options.Hdu = None,
+    run: Run,
+    fit: FrameFit,
+) -> None:
+    """Fit frames as they arrive, and keep what is found on the screen.
+
+    A file is processed when it is complete and no longer changes; so are files that are there at the start.
+    At the end, or at Ctrl-C, writes what 'process' writes, and lists files that are incomplete. Exit status:
+    0 if every frame was fitted, 1 if some were not, 2 if the command cannot be carried out.
+
+    Parameters
+    ----------
+    directory : DIR
+        Where the camera writes FITS or TIFF files.
+    idle : SECONDS
+        End when no file has come for this time; by default at Ctrl-C.
+    poll : SECONDS
+        How often to look for new files.
+    """
+    from jitterkit.errors import printable
+
+    if not directory.is_dir():
+        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
+        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
+    run.check(output)
+    processor = fit.processor()
+    from jitterkit.run.watch import watch_directory
+
+    settings = run.settings() | {"hdu": hdu, "idle": idle, "poll": poll}
+    with live_screen(printable(directory)) as (update, recall), until_interrupted() as interrupted:
+        result = watch_directory(
+            directory, output, processor, stop=interrupted, watch=update, before=recall, **settings
+        )
+    finalize(result, processor.instrument)

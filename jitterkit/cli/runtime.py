@@ -130,7 +130,7 @@ def print_table(table: QTable, align: str | None = None) -> None:
 
 def write_picture(path: Path, ax, overwrite: bool) -> None:
     """Write the figure of some axes as PNG, whole or not at all, and log its name."""
-    from jitterkit.frames.whole import replacing
+    from jitterkit.frames.writer import replacing
     from jitterkit.report.plots import png
 
     with replacing(path, overwrite) as temporary:

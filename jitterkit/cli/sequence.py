@@ -78,7 +78,7 @@ def sequence(
     telescope = open_instrument(instrument)
     from jitterkit.batch import FileExposures, FrameProcessor
     from jitterkit.joint import FrameFitter, SequenceOptions, refit_sequence
-    from jitterkit.loci.trace_locus import read_trace
+    from jitterkit.loci.trace_file import read_trace
     from jitterkit.refit import Status
     from jitterkit.report.residual_stack import LatestPass, most_stacked
 

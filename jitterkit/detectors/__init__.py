@@ -5,5 +5,3 @@
 
 from jitterkit.detectors.detector import DETECTORS, Detector, detector_preset
 from jitterkit.detectors.file_variance import NORMALISED
-
-__all__ = ["DETECTORS", "NORMALISED", "Detector", "detector_preset"]

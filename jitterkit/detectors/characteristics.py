@@ -10,13 +10,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jitterkit.detectors.response import BORDER, LIMIT, turning_point
-from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
 
 FULL_WELL = Quantity("e-", 0.0, 1e9, zero_allowed=False)
@@ -114,10 +113,8 @@ def _check_bits(bits: Any, bias: Any) -> None:
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     for level in () if bias is None else (np.nanmin(bias), np.nanmax(bias)):
         if not 0 <= level < 2**bits:
-            raise ConfigurationError(
-                ErrorCode.CONFLICT,
-                f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}; correct one.",
-            )
+            problem = f"bias = {level:g} ADU lies outside the {bits}-bit range 0 to {2**bits - 1}"
+            raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct one.")
 
 
 def _check_flat(flat: Any) -> None:
@@ -289,44 +286,3 @@ def as_map(values: Any) -> Any:
         return values
     array = np.asarray(values)
     return array if array.dtype == np.float32 else array.astype(float)
-
-
-def piece(
-    name: str, values: np.ndarray | float, frame: str | Path, origin: tuple[int, int], shape: tuple[int, ...]
-) -> np.ndarray | float:
-    """Return what of a map lies under a frame.
-
-    Parameters
-    ----------
-    name : str
-        Of the map, a word of :data:`MAPS`.
-    values : (ny, nx) array or float
-        A number is handed back.
-    frame : str or Path
-        Named in complaints.
-    origin : (int, int)
-        ``(x0, y0)`` of the frame on the detector.
-    shape : (int, int)
-        ``(ny, nx)`` of the frame.
-
-    Returns
-    -------
-    values : (ny, nx) array or float
-
-    Raises
-    ------
-    FrameError
-        If the map does not cover the frame.
-    """
-    if np.ndim(values) == 0:
-        return values
-    (x0, y0), (ny, nx) = origin, shape
-    cut = np.asarray(values)[y0 : y0 + ny, x0 : x0 + nx]
-    if cut.shape != shape:
-        height, width = np.shape(values)
-        last = f"column {x0 + nx - 1}, row {y0 + ny - 1}"
-        what = "bad-pixel map" if name == "bad_pixels" else f"map {name}"
-        problem = f"ends at {last}, beyond the {what} of {width} x {height}"
-        remedy = "give a map of the whole detector, or none"
-        raise FrameError(ErrorCode.WRONG_INSTRUMENT, frame, problem, remedy)
-    return cut if cut.dtype == bool else cut.astype(float)

@@ -31,9 +31,9 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics, piece
+from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
-from jitterkit.detectors.knowledge import ASSUMED, ceiling, supplement
+from jitterkit.detectors.knowledge import ASSUMED, ceiling, piece, supplement
 from jitterkit.detectors.readout import amplified, collected, digitised
 from jitterkit.detectors.reduction import disproved, flags, of_adu, of_electrons
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.response import measured
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.metadata import Metadata, Sourced
 
 ASSUMED: Mapping[str, float] = {"gain": 1.0, "read_noise": 0.0, "bias": 0.0}
@@ -58,3 +60,44 @@ def own(detector: Characteristics, name: str, metadata: Metadata) -> np.ndarray 
     value, stated, nominal = getattr(detector, name), metadata.value(name), detector.nominal(name)
     is_map = np.ndim(value) and nominal is not None and math.isclose(stated, nominal, rel_tol=SAME)
     return value if is_map else stated
+
+
+def piece(
+    name: str, values: np.ndarray | float, frame: str | Path, origin: tuple[int, int], shape: tuple[int, ...]
+) -> np.ndarray | float:
+    """Return what of a map lies under a frame.
+
+    Parameters
+    ----------
+    name : str
+        Of the map, a word of :data:`MAPS`.
+    values : (ny, nx) array or float
+        A number is handed back.
+    frame : str or Path
+        Named in complaints.
+    origin : (int, int)
+        ``(x0, y0)`` of the frame on the detector.
+    shape : (int, int)
+        ``(ny, nx)`` of the frame.
+
+    Returns
+    -------
+    values : (ny, nx) array or float
+
+    Raises
+    ------
+    FrameError
+        If the map does not cover the frame.
+    """
+    if np.ndim(values) == 0:
+        return values
+    (x0, y0), (ny, nx) = origin, shape
+    cut = np.asarray(values)[y0 : y0 + ny, x0 : x0 + nx]
+    if cut.shape != shape:
+        height, width = np.shape(values)
+        last = f"column {x0 + nx - 1}, row {y0 + ny - 1}"
+        what = "bad-pixel map" if name == "bad_pixels" else f"map {name}"
+        problem = f"ends at {last}, beyond the {what} of {width} x {height}"
+        remedy = "give a map of the whole detector, or none"
+        raise FrameError(ErrorCode.WRONG_INSTRUMENT, frame, problem, remedy)
+    return cut if cut.dtype == bool else cut.astype(float)

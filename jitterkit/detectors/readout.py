@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import piece
-from jitterkit.detectors.knowledge import ASSUMED
+from jitterkit.detectors.knowledge import ASSUMED, piece
 from jitterkit.detectors.response import BORDER, broaden, couple, measured
 from jitterkit.errors import ConfigurationError, ErrorCode
 

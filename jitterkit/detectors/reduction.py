@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.detectors.characteristics import Characteristics, piece
+from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import GUESSED
-from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own
+from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own, piece
 from jitterkit.detectors.response import (
     BORDER,
     beside,

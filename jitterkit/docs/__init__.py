@@ -10,8 +10,6 @@ from importlib.resources import files
 
 from jitterkit.errors import ConfigurationError, ErrorCode, did_you_mean
 
-__all__ = ["read_page", "topics"]
-
 _FOLDERS = ("", "commands/", "results/")
 """Of the pages, in the order in which they are listed; the pages of commands go by the command's name."""
 
@@ -49,10 +47,9 @@ def read_page(topic: str) -> str:
     pages = _pages()
     name = topic.removesuffix(".md").removeprefix("commands/")
     if name not in pages:
-        raise ConfigurationError(
-            ErrorCode.UNKNOWN_NAME,
-            f"There is no page {topic!r}; {did_you_mean(name, pages)}'jitterkit docs' lists the pages.",
-        )
+        problem = f"There is no page {topic!r}"
+        remedy = f"{did_you_mean(name, pages)}'jitterkit docs' lists the pages"
+        raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
     return pages[name]
 
 

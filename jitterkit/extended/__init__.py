@@ -21,21 +21,6 @@ from jitterkit.extended.registration import Drift, drifts, register
 from jitterkit.extended.trail import Trail, estimate_trail, find_trails
 from jitterkit.kernel_estimate import KernelEstimate
 
-__all__ = [
-    "BLIND",
-    "Drift",
-    "Trail",
-    "drifts",
-    "estimate_autocorrelation",
-    "estimate_blind",
-    "estimate_cepstrum",
-    "estimate_from_reference",
-    "estimate_radon",
-    "estimate_trail",
-    "find_trails",
-    "register",
-]
-
 BLIND: dict[str, Callable[..., KernelEstimate]] = {
     "blind": estimate_blind,
     "cepstrum": estimate_cepstrum,

@@ -63,10 +63,7 @@ def estimate_autocorrelation(image: np.ndarray, *, plate_scale: float = 1.0) -> 
     if height < _LEAST_CONTRAST * peaks[rest].max():
         problem = f"No negative peak of the derivative's autocorrelation stands out beyond {_GATE:g} pixels."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
-    along, across = _ERRORS
-    return streak_estimate(
-        length, angle, "autocorrelation", along=along, across=across, plate_scale=plate_scale
-    )
+    return streak_estimate(length, angle, "autocorrelation", _ERRORS, plate_scale)
 
 
 def _correlation(spectrum: PowerSpectrum) -> np.ndarray:

@@ -105,10 +105,7 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     best = _refined(spectrum, max(found, key=lambda streak: streak.value))
     _check(spectrum, best, found, limit)
-    along, across = _errors(spectrum, best)
-    return streak_estimate(
-        best.length, best.angle, "blind", along=along, across=across, plate_scale=plate_scale
-    )
+    return streak_estimate(best.length, best.angle, "blind", _errors(spectrum, best), plate_scale)
 
 
 def _rival(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> _Streak | None:

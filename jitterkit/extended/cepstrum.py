@@ -78,8 +78,7 @@ def estimate_cepstrum(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelE
             f"No peak of the cepstrum stands out (the highest, {score:.1f} sigma, is less than "
             f"{_LEAST_CONTRAST:g} times another of {rival:.1f}): the image shows no streak's nulls.",
         )
-    along, across = _ERRORS
-    return streak_estimate(length, angle, "cepstrum", along=along, across=across, plate_scale=plate_scale)
+    return streak_estimate(length, angle, "cepstrum", _ERRORS, plate_scale)
 
 
 def comb_peaks(spectrum: PowerSpectrum, count: int = 4) -> list[tuple[float, float, float]]:

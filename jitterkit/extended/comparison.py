@@ -17,7 +17,6 @@ from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.extended.blurs import Transfer
-from jitterkit.extended.registration import striped
 from jitterkit.vision import box_mean
 
 _BAND = 0.45
@@ -202,9 +201,8 @@ class Comparison:
         )
         if not (data.any() and image.any()):
             problem = f"A part of {' x '.join(map(str, self.one.shape[::-1]))} pixels shows only its borders"
-            raise UndeterminedError(
-                ErrorCode.NO_SIGNAL, f"{problem}; give frames that show more in the middle."
-            )
+            message = f"{problem}; give frames that show more in the middle."
+            raise UndeterminedError(ErrorCode.NO_SIGNAL, message)
         gain = max(float(np.vdot(image, data).real / np.vdot(image, image).real), _LEAST_GAIN)
         rest, total = (float(np.sum(np.abs(a) ** 2)) for a in (data - gain * image, data))
         return rest / total, p[0] + float(np.log(gain))
@@ -271,3 +269,24 @@ def _fast_length(n: int) -> int:
 
 def _parts(spectrum: np.ndarray) -> np.ndarray:
     return np.concatenate([spectrum.real, spectrum.imag])
+
+
+_RINGS, _FEW_FREQUENCIES = 64, 60.0
+"""Rings to a cycle/pixel; power over a ring's median of which no frequency of a scene has more by chance."""
+
+
+def striped(power: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return near which frequencies stripes such as columns or fringes have power, and no scene has so much.
+
+    Parameters
+    ----------
+    power, radius : arrays of one shape
+        Of each frequency; the radius in cycles/pixel.
+
+    Returns
+    -------
+    striped : bool array
+    """
+    rings = (radius * _RINGS).astype(int)
+    level = ndimage.median(power, rings, np.arange(rings.max() + 1))[rings]
+    return ndimage.binary_dilation(power > _FEW_FREQUENCIES * level, np.ones((3, 3)))

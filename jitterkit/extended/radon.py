@@ -57,21 +57,16 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     best = int(np.argmax([(share * mean**2).sum() for mean, share in projections]))
     length, correlation = _match(*projections[best], longest(spectrum.shape))
     if correlation < _LEAST_CORRELATION:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"No stripes of a streak in the spectrum: the best match correlates by {correlation:.2f} "
-            f"(it takes {_LEAST_CORRELATION:g}).",
-        )
+        problem = "No stripes of a streak in the spectrum"
+        found = f"the best match correlates by {correlation:.2f} (it takes {_LEAST_CORRELATION:g})"
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, f"{problem}: {found}.")
     if length < _GATE:
         raise UndeterminedError(
             ErrorCode.NOT_CONSTRAINED,
             f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the scene's "
             f"spectrum (it takes {_GATE:g}).",
         )
-    along, across = _ERRORS
-    return streak_estimate(
-        length, float(angles[best]), "radon", along=along, across=across, plate_scale=plate_scale
-    )
+    return streak_estimate(length, float(angles[best]), "radon", _ERRORS, plate_scale)
 
 
 def _projections(

@@ -15,7 +15,8 @@ from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended import blurs
 from jitterkit.extended.blur_fit import Blur, fit_blur
 from jitterkit.extended.comparison import Comparison, Fit
-from jitterkit.extended.registration import align, fill, standing_pixels
+from jitterkit.extended.registration import align
+from jitterkit.extended.standing import fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear
 from jitterkit.loci.base import axis_variances, covariance_on_axis

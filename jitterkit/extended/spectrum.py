@@ -144,7 +144,7 @@ def whitened(spectrum: PowerSpectrum) -> np.ndarray:
 
 
 def streak_estimate(
-    length: float, angle: float, method: str, *, along: float, across: float, plate_scale: float
+    length: float, angle: float, method: str, errors: tuple[float, float], plate_scale: float
 ) -> KernelEstimate:
     """Report a uniform streak.
 
@@ -155,7 +155,7 @@ def streak_estimate(
     angle : float
         Degrees counter-clockwise from +x.
     method : str
-    along, across : float
+    errors : (float, float)
         Standard errors of the streak's end along and across it, pixels: of the length, and of the length
         times the angle.
     plate_scale : float
@@ -166,6 +166,7 @@ def streak_estimate(
     estimate : KernelEstimate
         The moments and their covariance to first order in the errors.
     """
+    along, across = errors
     # along itself a streak's moments are (L²/12, 0, 0); turned by da, they gain a cross moment of L²/12 da
     own = np.diag([2 * along, across, 0.0]) * length / 12
     covariance = covariance_on_axis(own**2, -angle)

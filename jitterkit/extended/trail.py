@@ -166,7 +166,7 @@ def _mean(trails: list[Trail], plate_scale: float) -> KernelEstimate:
         _weighted(turn, [t.across for t in trails]),
     )
     angle = first.angle + float(np.degrees(off / mean))
-    return streak_estimate(mean, angle, "trail", along=along, across=across, plate_scale=plate_scale)
+    return streak_estimate(mean, angle, "trail", (along, across), plate_scale)
 
 
 def _weighted(values: list[float], errors: list[float]) -> tuple[float, float]:

@@ -12,28 +12,3 @@ from jitterkit.forecast.kinds import KINDS, jitter_of_kind
 from jitterkit.forecast.requirement import Requirement, jitter_requirements, largest_size, moment_bias
 from jitterkit.forecast.study import Draws, Panel, cross_fit, linearised_draws, refitted_draws
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
-
-__all__ = [
-    "KINDS",
-    "CrossFit",
-    "Direction",
-    "Draws",
-    "Forecast",
-    "Panel",
-    "Requirement",
-    "Sweep",
-    "SystematicError",
-    "cross_fit",
-    "degenerate_directions",
-    "expected_data",
-    "forecast",
-    "jitter_of_kind",
-    "jitter_requirements",
-    "largest_size",
-    "linearised_draws",
-    "moment_bias",
-    "noise_free_fit",
-    "refitted_draws",
-    "sweep",
-    "systematic_errors",
-]

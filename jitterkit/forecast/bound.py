@@ -22,10 +22,10 @@ from jitterkit.forward import Parameters, expected_image, free_parameters, to_ve
 from jitterkit.frames.frame import RawFrame
 from jitterkit.likelihood import Data, normal_equations
 from jitterkit.loci import axis_variances, covariance_on_axis
+from jitterkit.loci.base import moments_of
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitOptions
-from jitterkit.refit.result import moments_of
 
 _LINE = 1e-6
 """Of the major variance's error, below which that of the minor is rounding: the locus is a line."""

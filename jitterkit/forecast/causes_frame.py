@@ -25,7 +25,8 @@ from jitterkit.forward import Parameters, free_parameters, image_and_jacobian
 from jitterkit.loci import Locus, Stable, Streak, axis_variances, moments_on_axis
 from jitterkit.loci.elliptic import Elliptic
 from jitterkit.optics import Optics
-from jitterkit.optics.otf import OTF, to_parts
+from jitterkit.optics.otf import OTF
+from jitterkit.precision import to_parts
 from jitterkit.refit import FitOptions
 from jitterkit.scene import Scene
 

@@ -13,20 +13,3 @@ from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.reader import frame_count, is_whole, open_frames, read_frames
 from jitterkit.frames.sky import sky_position_angle
 from jitterkit.frames.writer import write_fits, write_tiff
-
-__all__ = [
-    "Frame",
-    "FrameFile",
-    "Metadata",
-    "RawFrame",
-    "Sourced",
-    "find_files",
-    "frame_count",
-    "is_whole",
-    "open_frames",
-    "read_frames",
-    "resolve_header",
-    "sky_position_angle",
-    "write_fits",
-    "write_tiff",
-]

@@ -147,3 +147,53 @@ def quality_of(values: np.ndarray, blank: np.ndarray | None, width: int) -> np.n
     if width <= 32:
         return bits & (2**width - 1)
     return (bits & ALL_BITS) | ((bits >> 32 != 0).astype(np.int64) << 31)
+
+
+_CONVERSIONS = ("PHOTMJSR", "FLUXCONV")
+"""Keywords of JWST and Spitzer: MJy/sr that one count per second stands for."""
+
+_FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
+
+_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+
+
+def rows_from_the_top(cards: Cards) -> bool:
+    """Return whether the first stored row is the top one (``ROWORDER``); warn of an order that is neither."""
+    order = cards.text("ROWORDER").upper()
+    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
+        cards.warnings.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
+    return order in _FROM_TOP
+
+
+def rate_of_brightness(cards: Cards, unit: Sourced | None) -> tuple[float, Sourced] | None:
+    """Find how a header converts surface brightness to counts.
+
+    Parameters
+    ----------
+    cards : Cards
+    unit : Sourced or None
+        What :func:`~jitterkit.frames.header.resolve` says of the pixels.
+
+    Returns
+    -------
+    factor, unit : (float, Sourced) or None
+        By what pixels in MJy/sr are multiplied, and the unit that they have then: ``"adu/s"``.  None for
+        other pixels, and where the header has neither of :data:`_CONVERSIONS`.
+    """
+    if unit is None or "".join(str(unit.value).lower().split()) not in ("mjy/sr", "mjysr-1", "mjy.sr-1"):
+        return None
+    for card in filter(None, map(cards.number, _CONVERSIONS)):
+        if card.positive:
+            return 1 / card.value, Sourced("adu/s", "", f"{unit.source} in MJy/sr over {card.key}")
+    return None
+
+
+def units_agree(image: str, other: str, role: str) -> bool:
+    """Return whether the unit of a noise suits that of an image; pipelines may copy it, unsquared."""
+    base, unit = resolve_unit(image), other.strip().removeprefix("1/").removeprefix("1 /")
+    if role == "sigma" or other == image:
+        return base == resolve_unit(other)
+    unit = re.sub(r"^(.+?) ?[*. ] ?\1$", r"\1", unit.strip(" ()[]"))  # "adu*adu"
+    unit = re.sub(r"(?<=e-)2|(\*\*|\^)?\(?\+?(?<!-)2(\.0)?\)?", "", unit)
+    unit = re.sub(r"(\*\*|\^)?\(?-2(\.0)?\)?", "" if role == "weight" else "-1", unit)
+    return base == resolve_unit(unit.strip(" ()[]"))

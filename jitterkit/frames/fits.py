@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.beside import rows_from_the_top
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.files import files_beside, open_bytes
 from jitterkit.frames.fitsimage import FitsImage
@@ -26,7 +27,6 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import find_images, read_hdus, walk
-from jitterkit.frames.header import rows_from_the_top
 from jitterkit.frames.pixels import open_pixels
 
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.frames.beside import bad_bits, quality_of, usable
+from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, rows_from_the_top, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
-from jitterkit.frames.header import rate_of_brightness, resolve, rows_from_the_top
+from jitterkit.frames.header import resolve
 from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.scaled import scaled_up

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from jitterkit.errors import ErrorCode, JitterkitError
-from jitterkit.frames.beside import ALL_BITS, convertible, unit_of, variance_of
+from jitterkit.frames.beside import ALL_BITS, convertible, rows_from_the_top, unit_of, variance_of
 from jitterkit.frames.cards import Cards
-from jitterkit.frames.header import resolve, rows_from_the_top
+from jitterkit.frames.header import resolve
 from jitterkit.frames.metadata import Metadata
 from jitterkit.frames.placed import NONE_MASKED, Placed, image_of, matching
 from jitterkit.frames.sky import turned_over, usable_part

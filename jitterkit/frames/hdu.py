@@ -73,6 +73,9 @@ _ESO_ROLES = {
 }
 """HDUCLAS3, or else HDUCLAS2, of what ESO's pipelines write."""
 
+_CHIP_KEYS = ("CCDNUM", "CCDNAME", "DETSEC", "CHIPID", "DETECSEC")
+"""Keywords of one detector among others of a camera."""
+
 _ASTROPY_UNCERTAINTY = {
     "stddevuncertainty": "sigma",
     "varianceuncertainty": "variance",
@@ -228,6 +231,16 @@ class Hdu:
             return "", ()
         words = re.findall(r"[A-Z]+|\d+", _NO_DETECTOR.sub(" ", self.name))
         return ROLE_OF[found[0]] if found else "", tuple(words)
+
+    def is_of_one_camera(self, other: Hdu) -> bool:
+        """Return whether two images are of different chips of one camera, as far as their headers say."""
+        alike = re.sub(r"\d+", "#", self.name) == re.sub(r"\d+", "#", other.name)
+        reads = {one.words("SAMPNUM") for one in (self, other)} - {""}
+        alike = alike and len(reads) < 2
+        chips = any(key in self.header and key in other.header for key in _CHIP_KEYS)
+        lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (self, other))
+        lettered = lettered and self.detector != other.detector  # SCI_A and SCI_B
+        return bool(self.name and other.name) and (alike or chips or lettered)
 
     @property
     def may_describe(self) -> bool:

@@ -16,17 +16,14 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.beside import units_agree
 from jitterkit.frames.files import damaged, truncated, unpacks_believably
 from jitterkit.frames.fitsio import CARD, PlainHeader
 from jitterkit.frames.hdu import BLOCK, ROLE_OF, Hdu, product_of
 from jitterkit.frames.planes import numbers_of_planes, role_of_label, split_planes
-from jitterkit.frames.units import resolve_unit
 
 _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 """Roles that together give the variance, the first preferred."""
-
-_CHIP_KEYS = ("CCDNUM", "CCDNAME", "DETSEC", "CHIPID", "DETECSEC")
-"""Keywords of one detector among others of a camera."""
 
 _SCALES = {"CD1_1", "PC1_1", "CDELT1"}
 """Columns of a table that has a WCS for each plane of a cube."""
@@ -103,10 +100,9 @@ class Group:
             return False
         alike = other.planes in (1, self.image.planes) and other.shape[-2:] == self.image.shape[-2:]
         units = [one.words("BUNIT") for one in (self.image, other)]
-        if other.role != "quality" and all(units) and not _agree(units[0], units[1], other.role):
-            self.warnings.append(
-                f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
-            )
+        if other.role != "quality" and all(units) and not units_agree(units[0], units[1], other.role):
+            said = f"{other.label} is in {units[1]} and the image in {units[0]}: it is not used"
+            self.warnings.append(said)
             return False
         if alike:
             return True
@@ -125,17 +121,6 @@ class Group:
             elif part.path == self.image.path:
                 found[part.number] = f"{words.get(role, role)} of HDU {self.image.number}"
         return found
-
-
-def _agree(image: str, other: str, role: str) -> bool:
-    """Return whether the unit of a noise suits that of an image; pipelines may copy it, unsquared."""
-    base, unit = resolve_unit(image), other.strip().removeprefix("1/").removeprefix("1 /")
-    if role == "sigma" or other == image:
-        return base == resolve_unit(other)
-    unit = re.sub(r"^(.+?) ?[*. ] ?\1$", r"\1", unit.strip(" ()[]"))  # "adu*adu"
-    unit = re.sub(r"(?<=e-)2|(\*\*|\^)?\(?\+?(?<!-)2(\.0)?\)?", "", unit)
-    unit = re.sub(r"(\*\*|\^)?\(?-2(\.0)?\)?", "" if role == "weight" else "-1", unit)
-    return base == resolve_unit(unit.strip(" ()[]"))
 
 
 def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
@@ -160,7 +145,7 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     first = next((one for one in (science if hdu is None else images) if hdu in (None, one.number)), None)
     if first is None:
         return []
-    chips = [one for one in science if one is first or _is_other_chip(first, one)]
+    chips = [one for one in science if one is first or first.is_of_one_camera(one)]
     groups = [Group(image) for image in ([first] if hdu is not None else chips)]
     described = first.role or role_of_label(first.name)
     if hdu is None and described not in ("", "image", "none"):
@@ -168,16 +153,6 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     for group in groups if first.role == "" else []:
         group.add(_beside(group.image, chips, science, hdus))
     return groups
-
-
-def _is_other_chip(first: Hdu, other: Hdu) -> bool:
-    alike = re.sub(r"\d+", "#", first.name) == re.sub(r"\d+", "#", other.name)
-    reads = {one.words("SAMPNUM") for one in (first, other)} - {""}
-    alike = alike and len(reads) < 2
-    chips = any(key in first.header and key in other.header for key in _CHIP_KEYS)
-    lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (first, other))
-    lettered = lettered and first.detector != other.detector  # SCI_A and SCI_B
-    return bool(first.name and other.name) and (alike or chips or lettered)
 
 
 def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu]) -> list[Hdu]:

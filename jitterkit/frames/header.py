@@ -104,9 +104,6 @@ _NAMES = ("OBSERVAT", "OBSERVATORY", "TELESCOP", "INSTRUME", "ORIGIN")
 _UNSAID = ("none", "na", "n/a", "unknown", "undefined", "null", "raw", "unitless", "unspecified")
 """Texts of ``BUNIT`` that say nothing, in lower case."""
 
-_CONVERSIONS = ("PHOTMJSR", "FLUXCONV")
-"""Keywords of JWST and Spitzer: MJy/sr that one count per second stands for."""
-
 
 def resolve_header(
     header: Mapping[str, Any], *, hdu: int = 0, inherit: Mapping[str, Any] | None = None, wcs: Any = None
@@ -278,17 +275,6 @@ _UNITS = ("BUNITS", "UNITS", "UNIT", "DATAUNIT", "IMUNITS")
 _RATE = re.compile(r"\bper s(ec(ond)?)?\b|/ ?s(ec)?\b|\brates?\b|\bnormali[sz]ed\b", re.I)
 """Comment of pixels that are a rate, whatever BUNIT says."""
 
-_FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
-_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
-
-
-def rows_from_the_top(cards: Cards) -> bool:
-    """Return whether the first stored row is the top one (``ROWORDER``); warn of an order that is neither."""
-    order = cards.text("ROWORDER").upper()
-    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
-        cards.warnings.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
-    return order in _FROM_TOP
-
 
 def _unit(cards: Cards) -> Sourced | None:
     card = cards.find("BUNIT")
@@ -309,26 +295,3 @@ def _unit(cards: Cards) -> Sourced | None:
         unit = "adu"
     as_written = unit in RATES and text.lower() != unit
     return Sourced(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])
-
-
-def rate_of_brightness(cards: Cards, unit: Sourced | None) -> tuple[float, Sourced] | None:
-    """Find how a header converts surface brightness to counts.
-
-    Parameters
-    ----------
-    cards : Cards
-    unit : Sourced or None
-        What :func:`resolve` says of the pixels.
-
-    Returns
-    -------
-    factor, unit : (float, Sourced) or None
-        By what pixels in MJy/sr are multiplied, and the unit that they have then: ``"adu/s"``.  None for
-        other pixels, and where the header has neither of :data:`_CONVERSIONS`.
-    """
-    if unit is None or "".join(str(unit.value).lower().split()) not in ("mjy/sr", "mjysr-1", "mjy.sr-1"):
-        return None
-    for card in filter(None, map(cards.number, _CONVERSIONS)):
-        if card.positive:
-            return 1 / card.value, Sourced("adu/s", "", f"{unit.source} in MJy/sr over {card.key}")
-    return None

@@ -226,9 +226,8 @@ class Metadata:
             return ""
         more = len(self.warnings) - _REMARKS
         shown = "; ".join(self.warnings[:_REMARKS])
-        return (
-            f"Warnings of its file: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
-        )
+        said = "Warnings of its file"
+        return f"{said}: {shown}{f'; and {more} more, which jitterkit info prints' * (more > 0)}."
 
     def reordered(self, order: int) -> Metadata:
         """Return a copy for an image whose rows are no longer in the file's order.

@@ -1,17 +1,53 @@
-"""Write frames.  Each file appears whole or not at all, and never in place of another unasked."""
+"""Write frames.  Each file appears whole or not at all, and never in place of another unasked.
+
+:func:`replacing` does that for every file that jitterkit writes, reports and tables too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
-from jitterkit.errors import ErrorCode, JitterkitError
+from jitterkit.errors import ErrorCode, FrameError, JitterkitError
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.sidecar import sidecar_path, sidecar_text
-from jitterkit.frames.whole import replacing
+
+
+@contextmanager
+def replacing(path: Path, overwrite: bool) -> Iterator[Path]:
+    """Give a temporary name in the same directory, and rename it to ``path`` if the block succeeds.
+
+    The temporary name ends like the final one, so that a library which looks at the ending sees the
+    right one.  If the block fails, nothing is left behind and an existing file is untouched.
+
+    Raises
+    ------
+    FrameError
+        If ``path`` exists and ``overwrite`` is False, or the directory cannot be written to.
+    """
+    if path.exists() and not overwrite:
+        remedy = "choose another name or allow it to be overwritten"
+        raise FrameError(ErrorCode.EXISTS, path, "exists already", remedy)
+    # not the whole name, as a longer one than that may be too long for the file system
+    temporary = path.with_name(f".{uuid4().hex[:8]}.{path.name[-20:]}")
+    try:
+        yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())  # a name must not survive a power cut that its content does not
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        problem = f"cannot be written ({reason})"
+        remedy = "check the directory and its permissions"
+        raise FrameError(ErrorCode.NOT_WRITABLE, path, problem, remedy) from error
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def write_fits(
@@ -105,11 +141,9 @@ def _stack(frames: Any) -> np.ndarray:
     else:
         array = np.stack([_pixels(frame) for frame in frames])
     if array.ndim not in (2, 3) or 0 in array.shape or array.dtype.kind not in "buif":
-        raise JitterkitError(
-            ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE,
-            f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames; "
-            "give real numbers of shape (ny, nx) or (n, ny, nx).",
-        )
+        code = ErrorCode.WRONG_SHAPE if array.dtype.kind in "buif" else ErrorCode.WRONG_TYPE
+        problem = f"an array of shape {array.shape} and type {array.dtype} cannot be written as frames"
+        raise JitterkitError(code, f"{problem}; give real numbers of shape (ny, nx) or (n, ny, nx).")
     return array.astype(np.uint8) if array.dtype.kind == "b" else array
 
 

@@ -11,5 +11,3 @@ from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.presets import PRESETS
 from jitterkit.instruments.resolve import resolve
 from jitterkit.instruments.toml import load_instrument, read_instrument
-
-__all__ = ["PRESETS", "Instrument", "instrument_from_fits", "load_instrument", "read_instrument", "resolve"]

@@ -15,7 +15,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.fits import NamedImage, read_images
 from jitterkit.frames.sidecar import toml_text
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
 from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
@@ -119,10 +119,9 @@ def instrument_from_fits(
 def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
     known = is_pupil(images) if kind is None else kind == "pupil"
     if known is None or kind not in (None, "psf", "pupil"):
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME,
-            f"{path}: whether it is a PSF or a pupil is not said (kind = {kind}); give --kind psf or pupil.",
-        )
+        code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
+        problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
+        raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
     return "pupil" if known else "psf"
 
 

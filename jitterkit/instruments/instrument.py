@@ -114,10 +114,9 @@ class Instrument:
             if getattr(self, name) is not None:
                 positive(name, getattr(self, name), unit)
         if (self.pupil_from is None) == (self.psf_from is None):
-            raise ConfigurationError(
-                ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT,
-                f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two.",
-            )
+            code = ErrorCode.MISSING_VALUE if self.pupil_from is None else ErrorCode.CONFLICT
+            problem = f"The instrument {self.name!r} needs either a pupil or a PSF; give one of the two."
+            raise ConfigurationError(code, problem)
         if self.psf_from is not None and self.detector.diffusion:
             raise ConfigurationError(
                 ErrorCode.CONFLICT,

@@ -192,11 +192,9 @@ def _pitch(path: Path, image: NamedImage) -> float:
     pitch = image.quantity("plate_scale", "PIXELSCL")
     if pitch is None or not _PITCH[0] <= pitch <= _PITCH[1]:
         cards = ", ".join(f"{key} = {image.header.get(key)!r}" for key in ("PIXELSCL", "PIXUNIT"))
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} does not say how many arcsec a sample is wide ({cards}); write "
-            "PIXELSCL into its header, in arcsec or with its unit in PIXUNIT.",
-        )
+        problem = f"{path}: HDU {image.hdu} does not say how many arcsec a sample is wide ({cards})"
+        remedy = "write PIXELSCL into its header, in arcsec or with its unit in PIXUNIT"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
     return pitch
 
 
@@ -221,11 +219,9 @@ def _detector(
         )
     whole = round(samples)
     if whole < 1 or abs(samples / whole - 1) > 1e-3:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{path}: a pixel is {samples:.6g} samples of {pitch:.6g} arcsec (PIXELSCL) wide, not a whole "
-            "number; give another --plate-scale, or compute the PSF for it.",
-        )
+        problem = f"{path}: a pixel is {samples:.6g} samples of {pitch:.6g} arcsec (PIXELSCL) wide"
+        found = "not a whole number; give another --plate-scale, or compute the PSF for it"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     return (pitch * whole if plate_scale is None else plate_scale), whole
 
 

@@ -126,11 +126,9 @@ def _wavefront(
             raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; choose one with --plane, from 0.")
         errors = errors[plane]
     if errors.shape != transmission.shape:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"{path}: the wavefront error has the shape {errors.shape}, the transmission "
-            f"{transmission.shape}; give both on the same samples.",
-        )
+        problem = f"{path}: the wavefront error has the shape {errors.shape}"
+        found = f"the transmission {transmission.shape}; give both on the same samples"
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}, {found}.")
     unit = image.header.get("BUNIT") if unit is None else unit
     if unit is None:
         problem = f"{path}: HDU {image.hdu} does not say the unit of the wavefront error (BUNIT)"

@@ -121,23 +121,18 @@ def check_star(path: Path, image: np.ndarray) -> None:
     """
     steps = image - image.min()
     if np.all(steps == np.rint(steps)) and 0 < steps.max() < _STEPS:
-        raise ConfigurationError(
-            ErrorCode.SAMPLING,
-            f"{path}: the star has {steps.max():g} steps from dark to bright, which cut its wings; "
-            "give it in 16 bits, exposed for longer, or as the mean of several frames.",
-        )
+        problem = f"{path}: the star has {steps.max():g} steps from dark to bright, which cut its wings"
+        remedy = "give it in 16 bits, exposed for longer, or as the mean of several frames"
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     if not image.sum() > 0:
         problem = f"{path}: the star's image sums to {image.sum():.4g}, and must be positive"
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"{problem}; subtract the background level, not more."
-        )
+        message = f"{problem}; subtract the background level, not more."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
     edge = _edge(image)
     if edge * image.size > image.sum() / 3:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{path}: the edge of the star's image stands at {edge:g}, so that a third or more of its sum is "
-            "background; subtract it.",
-        )
+        problem = f"{path}: the edge of the star's image stands at {edge:g}"
+        found = "so that a third or more of its sum is background; subtract it"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     ny, nx = image.shape
     inside = _edge(image[ny // 8 : ny - ny // 8, nx // 8 : nx - nx // 8])
     share = edge * image.size / (image.sum() - edge * image.size)

@@ -135,12 +135,8 @@ def read_instrument(path: str | Path) -> Instrument:
     path = Path(path)
     sections = _sections(path)
     head = sections["instrument"]
-    readers: dict[str, Callable[[Section], dict[str, Any]]] = {
-        "telescope": _telescope,
-        "psf": _psf,
-        "spectrum": read_spectrum_section,
-        "sky": read_sky,
-    }
+    readers: dict[str, Callable[[Section], dict[str, Any]]] = {"telescope": _telescope, "psf": _psf}
+    readers |= {"spectrum": read_spectrum_section, "sky": read_sky}
     try:
         base = preset(head.text("base")) if "base" in head else None
         fields = _head(head, path.stem)
@@ -148,10 +144,9 @@ def read_instrument(path: str | Path) -> Instrument:
             if name in sections:
                 fields |= reader(sections[name])
                 fields["sources"][name] = f"instrument file {path.name} [{name}]"
-        detector = Detector() if base is None else base.detector
+        fields["detector"] = Detector() if base is None else base.detector
         if "detector" in sections:
-            detector = read_detector(sections["detector"], detector)
-        fields["detector"] = detector
+            fields["detector"] = read_detector(sections["detector"], fields["detector"])
         made = _assemble(path, fields, base)
         if "psf" in sections:
             pitch = made.plate_scale / made.psf_options.get("oversample", 1)
@@ -196,10 +191,8 @@ def _assemble(path: Path, fields: dict[str, Any], base: Instrument | None) -> In
         problem = f"{path}: [instrument] has no plate_scale; give it, in arcsec/pixel."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     if "pupil_from" not in fields:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: there is neither a [telescope] nor a [psf]; add one of them, with diameter or file.",
-        )
+        problem = f"{path}: there is neither a [telescope] nor a [psf]; add one of them"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}, with diameter or file.")
     if fields["pupil_from"] is not None and "spectrum" not in fields:
         problem = f"{path}: there is no [spectrum]; add one, such as band = [530, 640]."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
@@ -239,8 +232,8 @@ def _telescope(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")
         return {"pupil_from": partial(pupils.from_file, section.path("pupil"), diameter), "psf_from": None}
     section.require("diameter", "give it, in m, or a pupil file")
-    pupil = partial(pupils.plain, diameter, **_plain_options(section, diameter))
-    return {"pupil_from": pupil, "psf_from": None}
+    options = _plain_options(section, diameter)
+    return {"pupil_from": partial(pupils.plain, diameter, **options), "psf_from": None}
 
 
 def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
@@ -275,8 +268,7 @@ def _psf(section: Section) -> dict[str, Any]:
         options["oversample"] = section.integer("oversample")
         if options["oversample"] < 1:
             section.refuse(ErrorCode.OUT_OF_RANGE, "oversample", "give at least 1 sample per pixel")
-    if "centre" in section:
-        options["centre"] = tuple(section.numbers("centre", 2))
+    options |= {"centre": tuple(section.numbers("centre", 2))} if "centre" in section else {}
     if "enclosed" in section:
         options["enclosed"] = section.number("enclosed")
         if not 0 < options["enclosed"] <= 1:

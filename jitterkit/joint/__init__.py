@@ -7,34 +7,8 @@ from jitterkit.joint.combine import Combined, Shared, combine
 from jitterkit.joint.frame_fitter import FrameFitter
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
 from jitterkit.joint.ornstein_uhlenbeck import fit_ornstein_uhlenbeck
-from jitterkit.joint.records import FrameRecord, Records
-from jitterkit.joint.refit import Exposure, SequenceOptions, refit_sequence
+from jitterkit.joint.records import Exposure, FrameRecord, Records
+from jitterkit.joint.refit import SequenceOptions, refit_sequence
 from jitterkit.joint.result import Rows, SequenceFit, SequenceFrame, Slope
 from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial, TimeModel, parse_time_model
 from jitterkit.joint.velocity import velocity_between_frames, velocity_from_trace
-
-__all__ = [
-    "Combined",
-    "Constant",
-    "Exposure",
-    "FrameFitter",
-    "FrameRecord",
-    "LikelihoodSummaries",
-    "LikelihoodSummary",
-    "OrnsteinUhlenbeck",
-    "Polynomial",
-    "Records",
-    "Rows",
-    "SequenceFit",
-    "SequenceFrame",
-    "SequenceOptions",
-    "Shared",
-    "Slope",
-    "TimeModel",
-    "combine",
-    "fit_ornstein_uhlenbeck",
-    "parse_time_model",
-    "refit_sequence",
-    "velocity_between_frames",
-    "velocity_from_trace",
-]

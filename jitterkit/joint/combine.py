@@ -19,10 +19,8 @@ import scipy.stats
 
 from jitterkit.joint.filter import DIFFUSE, Filter, Model, measurement_update
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
-from jitterkit.joint.record_file import RecordFile
+from jitterkit.joint.records import RecordFile
 from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial, TimeModel
-
-__all__ = ["Combined", "Shared", "combine", "consistent_frames", "log_likelihood"]
 
 _UNKNOWN = 0.5
 """Share of the diffuse prior's error above which the frames did not determine a parameter."""

@@ -13,8 +13,6 @@ import numpy as np
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
 from jitterkit.joint.time_models import Constant, TimeModel
 
-__all__ = ["DIFFUSE", "Filter", "Model", "measurement_update"]
-
 DIFFUSE = 1e3
 """Prior error of what nothing is known about, in errors of the first frame: costs a millionth of a frame."""
 

@@ -22,7 +22,6 @@ from jitterkit.frames import Frame
 from jitterkit.joint.likelihood_summary import LikelihoodSummary, eliminate
 from jitterkit.known_light import KnownLight
 from jitterkit.likelihood import Data, normal_equations
-from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.locate import ModelError, allow_for_model, check_model_error, locate_binary
 from jitterkit.loci import Mvn, Streak, axis_variances, locus_class
 from jitterkit.optics.colours import Colours
@@ -31,12 +30,10 @@ from jitterkit.optics.system import Optics
 from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, choose_scene
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_allow
+from jitterkit.refit.locus_fit import starting_point
 from jitterkit.refit.scene_choice import found_allowing
-from jitterkit.refit.starts import starting_point
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
-
-__all__ = ["FrameFitter", "NearbyOptics"]
 
 _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if choice.across == "none"))
 """Loci that are lines: they have no blur across their axis."""
@@ -44,32 +41,6 @@ _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if cho
 
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
-
-_STALE = 0.03
-"""Rms phase [rad] by which the optics may have changed since their derivatives were computed, which are then
-off by 3 %: of 16 TOLIMAN frames the separation moved by 0.0008 of its error, the error by 8e-6."""
-
-
-class NearbyOptics:
-    """Optics of one frame after the other: exact at each, with derivatives computed now and then.
-
-    Parameters
-    ----------
-    optics : Optics
-    """
-
-    def __init__(self, optics: Optics) -> None:
-        self.optics = optics
-        self._slopes = self._here = optics.nominal
-
-    def at(self, parameters: Parameters) -> OTF:
-        """Return the optics for parameters whose aberrations are held."""
-        aberrations = parameters.aberrations
-        if self.optics.phase(np.asarray(aberrations - self._slopes.state)) > _STALE:
-            self._slopes = self._here = self.optics.otf(aberrations)
-        elif linearisation_error(self.optics, parameters, self._here) > LINEARISATION_TOLERANCE:
-            self._here = self.optics.near(aberrations, self._slopes)
-        return self._here
 
 
 @dataclass(frozen=True)
@@ -116,11 +87,9 @@ class FrameFitter:
         locus_class(self.locus)
         check_model_error(self.model_error)
         if self.scene not in ("auto", Binary.name):
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"A sequence is of a pair: scene {self.scene!r} is none of auto, {Binary.name}; "
-                "'jitterkit process' fits the others.",
-            )
+            problem = f"A sequence is of a pair: scene {self.scene!r} is none of auto, {Binary.name}"
+            remedy = "'jitterkit process' fits the others"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
         if self.diffusion and self.locus not in _STRAIGHT and self.priors.moments is None:
             raise ConfigurationError(
                 ErrorCode.NOT_CONSTRAINED,
@@ -281,7 +250,7 @@ class FrameFitter:
     def _check_plausible(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
         """Return the fit; as a poor fit, with the reason, if it is implausible."""
         grid = self.optics.nominal.grid
-        if not (problem := fit.implausible(grid.shape, grid.plate_scale)):
+        if (p := fit.parameters) is None or not (problem := p.implausible(grid.shape, grid.plate_scale)):
             return fit, otf
         message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(fit, status=Status.POOR_FIT, message=message), otf

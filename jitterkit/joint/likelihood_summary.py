@@ -11,9 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.joint.record_file import RecordFile
-
-__all__ = ["LikelihoodSummaries", "LikelihoodSummary", "eliminate"]
+from jitterkit.joint.records import RecordFile
 
 
 class LikelihoodSummary(NamedTuple):

@@ -16,8 +16,6 @@ from jitterkit.joint.filter import Model
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
 from jitterkit.joint.time_models import Constant, Independent, OrnsteinUhlenbeck, TimeModel
 
-__all__ = ["complete_time_models", "fit_ornstein_uhlenbeck", "initial_time_models"]
-
 _LEAST_GAIN = 2.0
 """Least gain in log-likelihood of the process's two numbers over a constant."""
 

@@ -1,17 +1,78 @@
-"""The stored record of each frame of a sequence: numbers on disk, text only where a frame is not ok."""
+"""The stored record of each frame of a sequence: numbers on disk, text only where a frame is not ok.
+
+What a run keeps of every frame would fill the memory after a night, and it is needed in order only: a
+:class:`RecordFile` keeps records of one size on disk in the order they came, to be read from either end.
+"""
 
 from __future__ import annotations
 
+import math
+import tempfile
+import weakref
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from jitterkit.forward import GRADIENT
-from jitterkit.joint.record_file import RecordFile
-from jitterkit.refit.result import FitResult, Status, moments_of
+from jitterkit.frames import Frame
+from jitterkit.loci.base import moments_of
+from jitterkit.refit.result import FitResult, Status
 
-__all__ = ["STATED", "FrameRecord", "Records"]
+_BLOCK = 512
+"""Records read or written at once."""
+
+
+class RecordFile:
+    """A file of float64 records that is deleted with its owner.
+
+    Parameters
+    ----------
+    width : int
+        Numbers in a record.
+    """
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self._file = tempfile.TemporaryFile(prefix="jitterkit-")  # noqa: SIM115 (closed below)
+        self.close = weakref.finalize(self, self._file.close)
+        self._waiting: list[np.ndarray] = []
+        self._written = 0
+
+    def __len__(self) -> int:
+        return self._written + len(self._waiting)
+
+    def append(self, *parts) -> None:
+        """Add a record, given in pieces of any shape."""
+        record = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
+        if record.size != self.width:
+            raise ValueError(f"A record of {record.size} numbers does not fit a file of {self.width}.")
+        self._waiting.append(record)
+        if len(self._waiting) == _BLOCK:
+            self._flush()
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        for first in range(0, len(self), _BLOCK):
+            yield from self._read(first)
+
+    def __reversed__(self) -> Iterator[np.ndarray]:
+        for first in reversed(range(0, len(self), _BLOCK)):
+            yield from self._read(first)[::-1]
+
+    def _flush(self) -> None:
+        if self._waiting:
+            self._file.seek(self._written * self.width * 8)
+            self._file.write(np.array(self._waiting).tobytes())
+            self._written += len(self._waiting)
+            self._waiting = []
+
+    def _read(self, first: int) -> np.ndarray:
+        self._flush()
+        self._file.seek(first * self.width * 8)
+        count = min(_BLOCK, len(self) - first)
+        return np.frombuffer(self._file.read(count * self.width * 8)).reshape(count, self.width)
+
 
 STATED = ("plate_scale_err", "va_factor", "orbit_change")
 """Metadata of a frame that affect the interpretation of its separation, and that no fit uses."""
@@ -160,3 +221,44 @@ class Records:
                 reason,
                 float(numbers[-1]),
             )
+
+
+class Exposure(NamedTuple):
+    """Hold one frame of a sequence.
+
+    Attributes
+    ----------
+    name : str
+    time : float
+        Middle of the exposure, s from the beginning of the first; ascending.
+    frame : Frame or None
+        None where it cannot be used.
+    problem : FitResult or None
+        The reason, where there is no frame.
+    """
+
+    name: str
+    time: float
+    frame: Frame | None
+    problem: FitResult | None = None
+
+
+def reason_of(exposure: Exposure) -> FitResult:
+    """Return the reason for which there is no frame."""
+    return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
+
+
+def record_of(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
+    """Make the record of a frame, with the flags of its calibration."""
+    frame = exposure.frame
+    if frame is None:
+        return FrameRecord.of(exposure.name, exposure.time, fit, own)
+    remark = frame.metadata.remark
+    words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
+    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
+    fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
+    more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
+    if fit.parameters is not None and frame.plate_scale:
+        scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
+        more["position"] = corner + np.array([float(scene.x), float(scene.y)])
+    return FrameRecord.of(exposure.name, exposure.time, fit, own, **more)

@@ -14,7 +14,6 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,45 +22,24 @@ from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
 from jitterkit.joint.filter import Filter, Model
-from jitterkit.joint.frame_fitter import FrameFitter, NearbyOptics
+from jitterkit.joint.frame_fitter import FrameFitter
 from jitterkit.joint.likelihood_summary import LikelihoodSummaries
 from jitterkit.joint.ornstein_uhlenbeck import complete_time_models, initial_time_models
-from jitterkit.joint.records import STATED, FrameRecord, Records
+from jitterkit.joint.records import Exposure, Records, reason_of, record_of
 from jitterkit.joint.result import SequenceFit
-from jitterkit.joint.shutters import Shutters
 from jitterkit.joint.time_models import Constant, TimeModel
+from jitterkit.joint.velocity import Shutters
+from jitterkit.linearisation import NearbyOptics
 from jitterkit.optics.otf import OTF
-from jitterkit.refit import FitResult, Status
+from jitterkit.refit import FitResult
 from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.shutter import Shutter
-
-__all__ = ["Exposure", "SequenceOptions", "refit_sequence"]
 
 _CONVERGED = 1.0
 """Largest change of a shared parameter by the last pass, in joint standard errors; where it was 0.16, that of
 the next pass was 0.0002."""
 
 _PASSES = 5
-
-
-class Exposure(NamedTuple):
-    """Hold one frame of a sequence.
-
-    Attributes
-    ----------
-    name : str
-    time : float
-        Middle of the exposure, s from the beginning of the first; ascending.
-    frame : Frame or None
-        None where it cannot be used.
-    problem : FitResult or None
-        The reason, where there is no frame.
-    """
-
-    name: str
-    time: float
-    frame: Frame | None
-    problem: FitResult | None = None
 
 
 @dataclass(frozen=True)
@@ -142,11 +120,9 @@ class _Run:
         self.given = {name: time_models.get(name, Constant()) for name in fitter.shared}
         unknown = [name for name in options.time_models if name not in (*fitter.shared, "aberrations")]
         if unknown:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"{unknown[0]!r} is not shared by the frames; there are {', '.join(fitter.shared)}, and "
-                "'aberrations' for all of those.",
-            )
+            problem = f"{unknown[0]!r} is not shared by the frames"
+            remedy = f"there are {', '.join(fitter.shared)}, and 'aberrations' for all of those"
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
 
     def fit(self) -> SequenceFit:
         began = time.perf_counter()
@@ -186,7 +162,7 @@ class _Run:
         nearby = NearbyOptics(fitter.optics)
         for exposure in self._frames(1):
             if exposure.frame is None:
-                records.append(_record(exposure, _why(exposure), fitter.own))
+                records.append(record_of(exposure, reason_of(exposure), fitter.own))
                 continue
             shutter, known = self.shutters.of(exposure.frame), None
             if run is not None:
@@ -205,7 +181,7 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            records.append(_record(exposure, fit, fitter.own, has_summary=summary is not None))
+            records.append(record_of(exposure, fit, fitter.own, has_summary=summary is not None))
             if summary is None:
                 continue
             summaries.append(summary)
@@ -249,7 +225,7 @@ class _Run:
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
             records.append(
-                _record(exposure, fit, fitter.own, velocity=velocity, has_summary=summary is not None)
+                record_of(exposure, fit, fitter.own, velocity=velocity, has_summary=summary is not None)
             )
             if summary is not None:
                 summaries.append(summary)
@@ -297,11 +273,8 @@ def _require_fitted(summaries: LikelihoodSummaries, records: Records) -> tuple[L
         code = ErrorCode.NO_DATA
         if first is not None:  # a fitted frame has no reason: its covariance is infinite
             code = ErrorCode(first.reason or ErrorCode.NOT_CONSTRAINED)
-        raise JitterkitError(
-            code,
-            f"No frame of the sequence can be fitted{why} If they are of another telescope, give its "
-            "instrument.",
-        )
+        problem = f"No frame of the sequence can be fitted{why} If they are of another telescope"
+        raise JitterkitError(code, f"{problem}, give its instrument.")
     return summaries, records
 
 
@@ -310,27 +283,6 @@ def _moved(before: Combined, after: Combined) -> float:
     errors = np.sqrt(np.diag(after.covariance))
     known = np.isfinite(errors)
     return float(np.max(np.abs(after.values - before.values)[known] / errors[known], initial=0.0))
-
-
-def _why(exposure: Exposure) -> FitResult:
-    """Return the reason for which there is no frame."""
-    return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
-
-
-def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
-    """Make the record of a frame, with the flags of its calibration."""
-    frame = exposure.frame
-    if frame is None:
-        return FrameRecord.of(exposure.name, exposure.time, fit, own)
-    remark = frame.metadata.remark
-    words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
-    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
-    fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
-    more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
-    if fit.parameters is not None and frame.plate_scale:
-        scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
-        more["position"] = corner + np.array([float(scene.x), float(scene.y)])
-    return FrameRecord.of(exposure.name, exposure.time, fit, own, **more)
 
 
 def _shuttered(p: Parameters, shutter: Shutter | None) -> Parameters:

@@ -13,8 +13,6 @@ from jitterkit.joint.likelihood_summary import LikelihoodSummaries
 from jitterkit.joint.records import FrameRecord, Records
 from jitterkit.joint.time_models import Polynomial, TimeModel
 
-__all__ = ["Rows", "SequenceFit", "SequenceFrame", "Slope"]
-
 
 class SequenceFrame(NamedTuple):
     """Hold one frame of a sequence, with the shared parameters at its time.

@@ -18,8 +18,6 @@ from numpy.polynomial import legendre
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Constant", "Independent", "OrnsteinUhlenbeck", "Polynomial", "TimeModel", "parse_time_model"]
-
 _MOST = 8
 """Degree of a polynomial at most: one that bends more often is an Ornstein-Uhlenbeck process."""
 
@@ -84,10 +82,8 @@ class Polynomial(TimeModel):
 
     def __post_init__(self) -> None:
         if not 0 <= self.degree <= _MOST:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"A polynomial of degree {self.degree} is not offered; give 0 to {_MOST}, or 'wander'.",
-            )
+            problem = f"A polynomial of degree {self.degree} is not offered; give 0 to {_MOST}"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, or 'wander'.")
 
     @property
     def states(self) -> int:
@@ -116,9 +112,8 @@ class OrnsteinUhlenbeck(TimeModel):
     def __post_init__(self) -> None:
         for name in ("rms", "timescale"):
             if not 0 < getattr(self, name) < math.inf:
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE, f"A wander's {name} = {getattr(self, name)} must be positive."
-                )
+                problem = f"A wander's {name} = {getattr(self, name)} must be positive."
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     @property
     def states(self) -> int:
@@ -176,7 +171,5 @@ def parse_time_model(text: str) -> TimeModel | None:
             return None
         case "wander", 2:
             return OrnsteinUhlenbeck(*numbers)
-    raise ConfigurationError(
-        ErrorCode.MALFORMED,
-        f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander, or wander:RMS:SECONDS.",
-    )
+    problem = f"{text!r} is no law of change; give constant, polynomial:DEGREE, wander"
+    raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}, or wander:RMS:SECONDS.")

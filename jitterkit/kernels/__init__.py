@@ -10,22 +10,3 @@ from jitterkit.kernels.files import StoredKernel, in_rows, kernel_cards, read_ke
 from jitterkit.kernels.image import kernel_image, kernel_moments, locus_of
 from jitterkit.kernels.quality import KernelQuality, kernel_quality, kernel_transfer
 from jitterkit.kernels.ratio import TransferRatio, transfer_ratio
-
-__all__ = [
-    "METHODS",
-    "KernelQuality",
-    "StoredKernel",
-    "TransferRatio",
-    "deblur",
-    "fill_masked",
-    "in_rows",
-    "kernel_cards",
-    "kernel_image",
-    "kernel_moments",
-    "kernel_quality",
-    "kernel_transfer",
-    "locus_of",
-    "read_kernel",
-    "transfer_ratio",
-    "write_kernel",
-]

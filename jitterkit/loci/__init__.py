@@ -9,47 +9,16 @@ from jitterkit.loci.base import (
     moments_on_axis,
     principal_axes,
 )
-from jitterkit.loci.cards import jitter_cards
 from jitterkit.loci.cumulants import Skewed
 from jitterkit.loci.elliptic import Ellipse, Lissajous, Mvn
-from jitterkit.loci.kernel import rasterise
+from jitterkit.loci.kernel import jitter_cards, rasterise
 from jitterkit.loci.partial import PartialShm
 from jitterkit.loci.path import Path
 from jitterkit.loci.product import Product, Smear, Tones
 from jitterkit.loci.shaped import Shaped
 from jitterkit.loci.streak import Linear, Shm, Streak
-from jitterkit.loci.trace_locus import Trace, is_trace, read_trace, trace_gaps
-
-__all__ = [
-    "LOCI",
-    "Ellipse",
-    "Linear",
-    "Lissajous",
-    "Locus",
-    "Mvn",
-    "PartialShm",
-    "Path",
-    "Product",
-    "Shaped",
-    "Shm",
-    "Skewed",
-    "Smear",
-    "Stable",
-    "Streak",
-    "Tones",
-    "Trace",
-    "axis_variances",
-    "covariance_on_axis",
-    "is_trace",
-    "jitter_cards",
-    "locus_class",
-    "locus_name",
-    "moments_on_axis",
-    "principal_axes",
-    "rasterise",
-    "read_trace",
-    "trace_gaps",
-]
+from jitterkit.loci.trace_file import is_trace, read_trace
+from jitterkit.loci.trace_locus import Trace, trace_gaps
 
 LOCI: dict[str, type[Locus]] = {
     "stable": Stable,

@@ -230,3 +230,28 @@ class Stable(Locus):
 
     def trace(self, n: int, rng: np.random.Generator) -> np.ndarray:
         return np.zeros((n, 2))
+
+
+def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Second moments of a locus whose coordinates are known to a covariance.
+
+    Parameters
+    ----------
+    locus : Locus
+    names : tuple of str
+        Of the free parameters, those of the locus among them.
+    covariance : (p, p) array
+        Of the free parameters.
+
+    Returns
+    -------
+    moments : (3,) array
+        ``(Sxx, Sxy, Syy)``, arcsec².
+    covariance : (3, 3) array
+        Zero unless all coordinates of the locus are free.
+    """
+    indices = [names.index(n) for n in locus.names if n in names]
+    if len(indices) < len(locus.names) or not indices:
+        return np.asarray(locus.moments()), np.zeros((3, 3))
+    moments, slope = map(np.asarray, moments_and_slope(locus))
+    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T

@@ -16,8 +16,7 @@ import numpy as np
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
-from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
-from jitterkit.loci.special import sinc_of_square
+from jitterkit.loci.special import exact_to, gauss_legendre, greatest_speed, mean_phasor, sinc_of_square
 
 _LEAST, _MOST = 0.05, 3.0
 """Cycles: below, the motion is a piece of a parabola to 1e-4 of its size; above, nearly harmonic."""
@@ -87,11 +86,9 @@ class PartialShm(Locus):
             problem = f"A streak's length must not be negative, in arcsec; got {length}."
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not _LEAST <= cycles <= _MOST:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"A partial vibration has {_LEAST:g} to {_MOST:g} cycles an exposure, got {cycles:g}; "
-                "with fewer it is a linear streak, with more an shm.",
-            )
+            problem = f"A partial vibration has {_LEAST:g} to {_MOST:g} cycles an exposure"
+            found = f"got {cycles:g}; with fewer it is a linear streak, with more an shm"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
         odd, even = _amplitudes(cycles)
         psi, phi = math.radians(phase), math.radians(angle)
         rms = math.hypot(odd * math.cos(psi), even * math.sin(psi))

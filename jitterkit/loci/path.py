@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import Locus, principal_axes, turned
-from jitterkit.loci.phasor import exact_to, gauss_legendre, greatest_speed, mean_phasor
+from jitterkit.loci.special import exact_to, gauss_legendre, greatest_speed, mean_phasor
 
 _KNOTS = 4
 _NODES = 16

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jitterkit.optics.anchor import Anchor, AnchoredOptics
     from jitterkit.optics.colours import Colours, blackbody_index, colours_of
-    from jitterkit.optics.dlux import pupil_from_dlux
     from jitterkit.optics.empirical import empirical_otf
     from jitterkit.optics.expansion import expand, grid_for
     from jitterkit.optics.grid import DEFAULT_PAD, Grid
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from jitterkit.optics.pupil_file import read_pupil, write_pupil
     from jitterkit.optics.spectrum import Spectrum, flat_band, lines
     from jitterkit.optics.system import FixedOptics, OpticalSystem, Optics
-    from jitterkit.optics.toliman import toliman_pupil
+    from jitterkit.optics.toliman import pupil_from_dlux, toliman_pupil
 
 __all__ = [
     "DEFAULT_PAD",
@@ -55,7 +54,7 @@ __all__ = [
 
 _MODULES = (
     *("spectrum", "colours", "grid", "pupil", "pupil_file", "toliman"),
-    *("dlux", "otf", "expansion", "empirical", "system", "anchor"),
+    *("otf", "expansion", "empirical", "system", "anchor"),
 )
 """Where the names are; the first three load no JAX, which takes half of the time of ``jitterkit info``."""
 

@@ -20,8 +20,9 @@ from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, Further, from_parts, to_parts, with_further
+from jitterkit.optics.otf import OTF, Further, with_further
 from jitterkit.optics.system import OpticalSystem
+from jitterkit.precision import from_parts, to_parts
 
 _THIRD_ORDER = 1.5
 """What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5

@@ -59,20 +59,15 @@ class Colours:
 
     def __post_init__(self) -> None:
         if len(self.indices) not in (1, 2) or not np.all(np.isfinite(self.indices)):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"indices = {list(self.indices)} are no spectral indices; give one, or those of A and B.",
-            )
+            problem = f"indices = {list(self.indices)} are no spectral indices"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give one, or those of A and B.")
         if not 0 <= self.wavelength_err < np.inf:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The relative error of the wavelengths is {self.wavelength_err}; give zero or more.",
-            )
+            problem = f"The relative error of the wavelengths is {self.wavelength_err}"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give zero or more.")
         if not self.sigma >= 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The error of the spectral indices is {self.sigma}; give zero or a positive number.",
-            )
+            problem = f"The error of the spectral indices is {self.sigma}"
+            remedy = "give zero or a positive number"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
 
     def of(self, count: int) -> tuple[float, ...]:
         """Return the indices of so many stars: a single star has the mean of two."""
@@ -128,27 +123,23 @@ def _index(photons: np.ndarray, spectrum: Spectrum) -> float:
     """Return the slope of photons at each wavelength of a spectrum, as factors of it."""
     weights, tilt = np.array(spectrum.weights), wavenumber_offsets(spectrum)
     if not np.any(tilt):
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "A spectrum of one wavelength has no colour; leave temperatures out."
-        )
+        problem = "A spectrum of one wavelength has no colour; leave temperatures out."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     return float(np.sum(weights * tilt * photons) / np.sum(weights * tilt**2) / np.sum(weights * photons))
 
 
 def _photons(temperature: float, spectrum: Spectrum) -> np.ndarray:
     """Return the photons of a blackbody at each wavelength, one on average."""
     if not 0 < temperature < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A temperature of {temperature} K is impossible; give a positive one."
-        )
+        problem = f"A temperature of {temperature} K is impossible; give a positive one."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     metres = np.array(spectrum.wavelengths) * 1e-9
     with np.errstate(over="ignore"):  # a cold body has no light at all
         photons = metres**-4 / np.expm1(h * c / (metres * k * temperature))
     mean = np.sum(np.array(spectrum.weights) * photons)
     if not mean > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A body of {temperature:g} K sends no light at {1e9 * metres.mean():.0f} nm; give K.",
-        )
+        problem = f"A body of {temperature:g} K sends no light at {1e9 * metres.mean():.0f} nm; give K."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     return photons / mean
 
 

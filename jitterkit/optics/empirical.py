@@ -70,17 +70,12 @@ def empirical_otf(
     stamp = _checked(psf)
     x, y = _centroid(stamp) if centre is None else centre
     if not (-0.5 <= x <= stamp.shape[1] - 0.5 and -0.5 <= y <= stamp.shape[0] - 0.5):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}; "
-            "give (x, y) in pixels inside it, or leave it out.",
-        )
+        problem = f"The star's centre ({x:.6g}, {y:.6g}) lies outside the stamp of {stamp.shape}"
+        remedy = "give (x, y) in pixels inside it, or leave it out"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     if oversample < 1 or not 0 < enclosed <= 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"oversample = {oversample} and enclosed = {enclosed} need 1 or more samples per pixel, and a "
-            "share from 0 to 1.",
-        )
+        problem = f"oversample = {oversample} and enclosed = {enclosed} need 1 or more samples per pixel"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, and a share from 0 to 1.")
     reach = max(math.ceil((s / oversample - n) / 2) for s, n in zip(stamp.shape, shape, strict=True))
     grid = Grid((shape[0], shape[1]), plate_scale, max(pad, reach), oversample)
     fy, fx = grid.frequencies
@@ -94,22 +89,16 @@ def empirical_otf(
 def _checked(psf) -> np.ndarray:
     stamp = np.asarray(psf, dtype=float)
     if stamp.ndim != 2 or stamp.size == 0:
-        raise ConfigurationError(
-            ErrorCode.WRONG_SHAPE,
-            f"An empirical PSF is one image (ny, nx), got an array of shape {stamp.shape}.",
-        )
+        problem = f"An empirical PSF is one image (ny, nx), got an array of shape {stamp.shape}."
+        raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     missing = np.count_nonzero(~np.isfinite(stamp))
     if missing:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The empirical PSF holds {missing} NaN or infinite pixels; interpolate over them first.",
-        )
+        problem = f"The empirical PSF holds {missing} NaN or infinite pixels"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; interpolate over them first.")
     if not stamp.sum() > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The empirical PSF sums to {stamp.sum():.4g}, and must be positive; "
-            "subtract the background level, not more.",
-        )
+        problem = f"The empirical PSF sums to {stamp.sum():.4g}, and must be positive"
+        remedy = "subtract the background level, not more"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
     return stamp
 
 

@@ -48,19 +48,14 @@ class Grid:
 
     def __post_init__(self) -> None:
         if len(self.shape) != 2 or min(self.shape) < 1:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"A grid needs a frame shape (ny, nx) of at least one pixel, got {self.shape}.",
-            )
+            problem = f"A grid needs a frame shape (ny, nx) of at least one pixel, got {self.shape}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         if not (math.isfinite(self.plate_scale) and self.plate_scale > 0):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The plate scale must be positive, in arcsec per pixel; got {self.plate_scale}.",
-            )
+            problem = f"The plate scale must be positive, in arcsec per pixel; got {self.plate_scale}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if self.pad < 0 or self.refine < 1:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"Need pad >= 0 and refine >= 1, got {self.pad} and {self.refine}."
-            )
+            problem = f"Need pad >= 0 and refine >= 1, got {self.pad} and {self.refine}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
     @property
     def pitch(self) -> float:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -24,6 +23,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import WAVELENGTH, Colours
 from jitterkit.optics.grid import Grid
+from jitterkit.precision import from_parts, to_parts
 
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
@@ -161,15 +161,9 @@ class OTF(eqx.Module):
         tints = None if self.chromatic is None else to_parts(self.chromatic * factor)
         difference = None if self.difference is None else self.difference * factor
         bend = None if self.bend is None else self.bend * factor
-        return replace(
-            self,
-            value=self.value * factor,
-            slopes=to_parts(self.jacobian * factor),
-            tints=tints,
-            difference=difference,
-            bend=bend,
-            coarse=None,
-        )
+        value, slopes = self.value * factor, to_parts(self.jacobian * factor)
+        here = replace(self, value=value, slopes=slopes, coarse=None)
+        return replace(here, tints=tints, difference=difference, bend=bend)
 
     def diffused(self, sigma: float) -> OTF:
         """Return the optics with charge diffusion: a round normal, ``sigma`` arcsec along each axis."""
@@ -188,19 +182,8 @@ class OTF(eqx.Module):
         """Point spread function at the state, on the fine grid, centred as the frame is."""
         fy, fx = self.grid.frequencies
         cy, cx = self.grid.centre
-        return jnp.fft.irfft2(
-            self.value * np.exp(-2j * np.pi * fy * cy) * np.exp(-2j * np.pi * fx * cx), s=self.grid.fine_shape
-        )
-
-
-def to_parts(spectra: Complex[Array, "*n my mx"]) -> Float[Array, "*n 2 my mx"]:
-    """Split spectra into their real and their imaginary parts."""
-    return jnp.stack([spectra.real, spectra.imag], axis=-3)
-
-
-def from_parts(parts: Float[Array, "*n 2 my mx"]) -> Complex[Array, "*n my mx"]:
-    """Join real and imaginary parts to spectra."""
-    return jax.lax.complex(parts[..., 0, :, :], parts[..., 1, :, :])
+        centred = self.value * np.exp(-2j * np.pi * fy * cy) * np.exp(-2j * np.pi * fx * cx)
+        return jnp.fft.irfft2(centred, s=self.grid.fine_shape)
 
 
 def _combined(weights: Float[Array, " r"], parts: Float[Array, "n 2 my mx"]) -> Complex[Array, "my mx"]:
@@ -230,13 +213,12 @@ def with_further(otf: OTF, further: Further, slopes: Float[Array, "c s 2 my mx"]
     of_b : (My, Mx//2 + 1) array or None
         Transfer function of B.
     """
-    tints = None if otf.tints is None else jnp.concatenate([otf.tints, slopes[1]])
     return replace(
         otf,
+        tints=None if otf.tints is None else jnp.concatenate([otf.tints, slopes[1]]),
         slopes=jnp.concatenate([otf.slopes, slopes[0]]),
         state=jnp.concatenate([otf.state, jnp.zeros(slopes.shape[1]), beside]),
         names=(*otf.names, *further.names),
-        tints=tints,
         sigmas=further.sigmas,
         bend=bend,
         of_b=tuple(otf.names.index(mode) for mode in further.of_b),
@@ -304,9 +286,8 @@ class Further:
         if every.shape == (wavefront,):
             every = np.concatenate([every, np.zeros(len(self.sigmas))])
         if every.shape != (wavefront + len(self.sigmas),):
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"Expected {wavefront} aberrations, got shape {every.shape}."
-            )
+            problem = f"Expected {wavefront} aberrations, got shape {every.shape}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         return every[:modes], every[len(every) - len(self.of_b) :]
 
     @property

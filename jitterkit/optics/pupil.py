@@ -71,9 +71,8 @@ class Pupil(eqx.Module):
         none = np.zeros((0, *transmission.shape))
         shading = none if shading is None else np.asarray(shading, dtype=float)
         if transmission.ndim != 2 or transmission.shape[0] != transmission.shape[1]:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE, f"A pupil must be square, got a transmission of {transmission.shape}."
-            )
+            problem = f"A pupil must be square, got a transmission of {transmission.shape}."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         modes = [planes.shape for planes in (basis, shading)]
         if opd.shape != transmission.shape or any(shape[1:] != opd.shape for shape in modes):
             raise ConfigurationError(
@@ -83,10 +82,8 @@ class Pupil(eqx.Module):
             )
         missing = sum(np.count_nonzero(~np.isfinite(a)) for a in (transmission, opd, basis, shading))
         if missing:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"The pupil holds {missing} NaN or infinite values; set them to zero first.",
-            )
+            problem = f"The pupil holds {missing} NaN or infinite values; set them to zero first."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if not np.any(transmission):
             raise ConfigurationError(
                 ErrorCode.OUT_OF_RANGE,
@@ -94,29 +91,23 @@ class Pupil(eqx.Module):
                 "give 1 where it is clear.",
             )
         if not diameter > 0:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"The pupil's diameter must be positive, in m; got {diameter}."
-            )
+            problem = f"The pupil's diameter must be positive, in m; got {diameter}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         count = len(basis) + len(shading)
         names = tuple(f"mode{k}" for k in range(count)) if names is None else tuple(names)
         if len(names) != count:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"The pupil has {count} modes but {len(names)} names; give each mode one.",
-            )
+            problem = f"The pupil has {count} modes but {len(names)} names; give each mode one."
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
         twice = [name for name in names if names.count(name) > 1]
         if twice:
-            raise ConfigurationError(
-                ErrorCode.DUPLICATE,
-                f"Two modes of the pupil are called {twice[0]!r}; give each its own name.",
-            )
+            problem = f"Two modes of the pupil are called {twice[0]!r}; give each its own name."
+            raise ConfigurationError(ErrorCode.DUPLICATE, problem)
         self.transmission, self.opd, self.basis, self.shading = transmission, opd, basis, shading
         self.names, self.diameter = names, float(diameter)
         light = float(np.sum(transmission**2) if light is None else light)
         if not (light > 0 and np.isfinite(light)):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"The pupil's light must be positive, in samples; got {light}."
-            )
+            problem = f"The pupil's light must be positive, in samples; got {light}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         self.light = np.full_like(transmission[0, 0], light)
 
     @property
@@ -143,10 +134,8 @@ class Pupil(eqx.Module):
         """
         n = self.transmission.shape[0]
         if factor < 1 or n % factor:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"A pupil of {n} samples cannot be binned by {factor}; give a divisor.",
-            )
+            problem = f"A pupil of {n} samples cannot be binned by {factor}; give a divisor."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if factor == 1:
             return self
 
@@ -176,11 +165,9 @@ class Pupil(eqx.Module):
         """
         wrong = [kind for kind in kinds if kind not in _SHADINGS or list(kinds).count(kind) > 1]
         if wrong:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"{wrong[0]!r} is no mode of the transmission, or stands twice; give some of "
-                f"{', '.join(_SHADINGS)}.",
-            )
+            problem = f"{wrong[0]!r} is no mode of the transmission, or stands twice"
+            remedy = f"give some of {', '.join(_SHADINGS)}"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
         axis, light = offsets(len(self.opd), 2.0 / len(self.opd)), np.asarray(self.transmission) ** 2
         planes = []
         for kind in kinds:
@@ -226,10 +213,8 @@ def obstructed_circle(
         Its PSF tends to the Airy pattern as ``obscuration`` goes to zero.
     """
     if not 0 <= obscuration < diameter:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"The obscuration must lie between 0 and the diameter of {diameter} m, got {obscuration} m.",
-        )
+        problem = f"The obscuration must lie between 0 and the diameter of {diameter} m"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, got {obscuration} m.")
     oversample = 8
     fine = offsets(samples * oversample, diameter / (samples * oversample))
     x, y = np.meshgrid(fine, fine)

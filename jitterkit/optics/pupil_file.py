@@ -42,21 +42,17 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     """
     path = Path(path)
     if not path.is_file():
-        raise ConfigurationError(
-            ErrorCode.NOT_FOUND, f"There is no pupil file {path}; give its path relative to where you are."
-        )
+        message = f"There is no pupil file {path}; give its path relative to where you are."
+        raise ConfigurationError(ErrorCode.NOT_FOUND, message)
     content = _read_npz(path) if path.suffix.lower() == ".npz" else _read_fits(path)
     if "transmission" not in content:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"The pupil file {path} holds no transmission, only {sorted(content)}; add it, or convert a "
-            "file of poppy or stpsf with jitterkit instrument.",
-        )
+        message = f"The pupil file {path} holds no transmission, only {sorted(content)}"
+        remedy = "add it, or convert a file of poppy or stpsf with jitterkit instrument"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{message}; {remedy}.")
     diameter = content.get("diameter") if diameter is None else diameter
     if diameter is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE, f"The pupil file {path} does not say its diameter; give one, in m."
-        )
+        message = f"The pupil file {path} does not say its diameter; give one, in m."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
     try:
         return Pupil(
             content["transmission"],
@@ -69,9 +65,8 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     except ConfigurationError as problem:
         raise ConfigurationError(problem.code, f"{path}: {problem}") from None
     except (TypeError, ValueError) as problem:
-        raise ConfigurationError(
-            ErrorCode.WRONG_TYPE, f"{path}: {problem}; a pupil is made of numbers."
-        ) from None
+        message = f"{path}: {problem}; a pupil is made of numbers."
+        raise ConfigurationError(ErrorCode.WRONG_TYPE, message) from None
 
 
 def write_pupil(path: str | Path, pupil: Pupil) -> None:
@@ -113,10 +108,8 @@ def _read_npz(path: Path) -> dict[str, Any]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             content: dict[str, Any] = dict(archive)
     except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile) as problem:
-        raise ConfigurationError(
-            reading_code(problem, ErrorCode.DAMAGED),
-            f"The pupil file {path} cannot be read ({problem}); make it again.",
-        ) from None
+        message = f"The pupil file {path} cannot be read ({problem}); make it again."
+        raise ConfigurationError(reading_code(problem, ErrorCode.DAMAGED), message) from None
     if "names" in content:
         content["names"] = [str(name) for name in content["names"]]
     return content
@@ -158,10 +151,8 @@ def nanometres(path: Path, unit: Any) -> float:
             return float(u.Unit(spelling).to(u.nm))
         except (ValueError, TypeError):  # astropy's UnitConversionError is both
             continue
-    raise ConfigurationError(
-        ErrorCode.UNKNOWN_UNIT,
-        f"{path}: the wavefront error is in {unit!r} (BUNIT), which is no length; give m, um or nm.",
-    )
+    problem = f"{path}: the wavefront error is in {unit!r} (BUNIT), which is no length; give m, um or nm."
+    raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, problem)
 
 
 def _mode_names(header: Mapping[str, Any], count: int) -> list[str]:

@@ -47,22 +47,16 @@ class Spectrum:
         wavelengths = np.atleast_1d(np.asarray(self.wavelengths, dtype=float))
         weights = np.atleast_1d(np.asarray(self.weights, dtype=float))
         if wavelengths.shape != weights.shape or wavelengths.ndim != 1 or wavelengths.size == 0:
-            raise ConfigurationError(
-                ErrorCode.WRONG_SHAPE,
-                f"A spectrum needs as many weights as wavelengths, one at least; got {weights.size} weights "
-                f"for {wavelengths.size} wavelengths.",
-            )
+            problem = "A spectrum needs as many weights as wavelengths, one at least"
+            found = f"got {weights.size} weights for {wavelengths.size} wavelengths"
+            raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}; {found}.")
         if not np.all((wavelengths >= LIGHT[0]) & (wavelengths <= LIGHT[1])):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"Wavelengths lie between {LIGHT[0]:g} and {LIGHT[1]:g} nm; got {wavelengths.tolist()}: give "
-                "them in nm.",
-            )
+            problem = f"Wavelengths lie between {LIGHT[0]:g} and {LIGHT[1]:g} nm"
+            found = f"got {wavelengths.tolist()}: give them in nm"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {found}.")
         if not (np.all(np.isfinite(weights)) and np.all(weights >= 0) and weights.sum() > 0):
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"Spectral weights must not be negative, nor all zero; got {weights.tolist()}.",
-            )
+            problem = f"Spectral weights must not be negative, nor all zero; got {weights.tolist()}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         object.__setattr__(self, "wavelengths", tuple(wavelengths.tolist()))
         object.__setattr__(self, "weights", tuple((weights / weights.sum()).tolist()))
 
@@ -101,9 +95,8 @@ class Spectrum:
         Lanczos's method (Gautschi, Orthogonal Polynomials, 2004, section 2.2).
         """
         if samples < 1:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"A spectrum needs at least one sample; got {samples}."
-            )
+            problem = f"A spectrum needs at least one sample; got {samples}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         if self.band is not None:
             return flat_band(*self.band, samples)
         if samples >= len({w for w, share in zip(self.wavelengths, self.weights, strict=True) if share > 0}):
@@ -152,13 +145,11 @@ def flat_band(low: float, high: float, samples: int = 13) -> Spectrum:
         If the edges are out of order or there are no samples.
     """
     if not 0 < low < high < np.inf:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A band needs 0 < low < high in nm; got {low} to {high}."
-        )
+        problem = f"A band needs 0 < low < high in nm; got {low} to {high}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     if samples < 1:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"A spectrum needs at least one sample; got {samples}."
-        )
+        problem = f"A spectrum needs at least one sample; got {samples}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     nodes, weights = np.polynomial.legendre.leggauss(samples)
     return Spectrum(tuple((low + high) / 2 + nodes * (high - low) / 2), tuple(weights), (low, high))
 

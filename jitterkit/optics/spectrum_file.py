@@ -69,9 +69,8 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
     try:
         wavelengths, read = np.array(_rows(Path(path), values), dtype=float).reshape(-1, 2).T
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(
-            reading_code(error), f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
-        ) from None
+        problem = f"{path}: cannot be read ({error}); give a CSV of wavelength_nm, {values}."
+        raise ConfigurationError(reading_code(error), problem) from None
     return wavelengths, read
 
 
@@ -98,24 +97,18 @@ def band_from_table(wavelengths: np.ndarray, photons: np.ndarray, samples: int =
         If there are fewer than two rows, they are out of order or negative, or no light is in them.
     """
     if len(wavelengths) < 2 or samples < 1:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW if len(wavelengths) < 2 else ErrorCode.OUT_OF_RANGE,
-            f"A spectrum of {len(wavelengths)} rows cannot be modelled with {samples} samples; "
-            "give 2 rows and 1 sample at least.",
-        )
+        code = ErrorCode.TOO_FEW if len(wavelengths) < 2 else ErrorCode.OUT_OF_RANGE
+        problem = f"A spectrum of {len(wavelengths)} rows cannot be modelled with {samples} samples"
+        raise ConfigurationError(code, f"{problem}; give 2 rows and 1 sample at least.")
     if not (np.all(np.isfinite(photons)) and np.all(photons >= 0) and np.any(photons > 0)):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            "A spectrum's photons must not be negative, nor all zero, and they reach from "
-            f"{np.min(photons):g} to {np.max(photons):g}; correct the table.",
-        )
+        problem = "A spectrum's photons must not be negative, nor all zero"
+        found = f"and they reach from {np.min(photons):g} to {np.max(photons):g}; correct the table"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     in_place = wavelengths > np.append(0.0, wavelengths[:-1])
     if not in_place.all():
-        raise ConfigurationError(
-            ErrorCode.MALFORMED,
-            "A spectrum's wavelengths must be positive and ascend, in nm, and "
-            f"{wavelengths[~in_place][0]:g} is out of place; sort the table.",
-        )
+        problem = "A spectrum's wavelengths must be positive and ascend, in nm"
+        found = f"and {wavelengths[~in_place][0]:g} is out of place; sort the table"
+        raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}, {found}.")
     at, weight = _fine(wavelengths, photons, samples + 1)
     return Spectrum(tuple(at), tuple(weight)).sampled(samples)
 
@@ -142,10 +135,8 @@ def _rows(path: Path, values: str) -> list[tuple[float, float]]:
                 if number == 1:
                     _refuse_other_units(path, cells, values)
                     continue  # the columns' names
-                raise ConfigurationError(
-                    ErrorCode.MALFORMED,
-                    f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}.",
-                ) from None
+                problem = f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}."
+                raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
             rows.append((wavelength, value))
     return rows
 

@@ -9,23 +9,14 @@ CSV files by :func:`read_curve`.  Nothing is ever fetched: synphot (extra ``spec
 """
 
 from jitterkit.photons.budget import Line, PhotonBudget, compare, count_photons
-from jitterkit.photons.curve import Curve, band_of, flat_curve, read_curve
+from jitterkit.photons.curve import (
+    IMX183_QE,
+    Curve,
+    Throughput,
+    annulus_area,
+    band_of,
+    collecting_area,
+    flat_curve,
+    read_curve,
+)
 from jitterkit.photons.stars import blackbody, tabulated
-from jitterkit.photons.throughput import IMX183_QE, Throughput, annulus_area, collecting_area
-
-__all__ = [
-    "IMX183_QE",
-    "Curve",
-    "Line",
-    "PhotonBudget",
-    "Throughput",
-    "annulus_area",
-    "band_of",
-    "blackbody",
-    "collecting_area",
-    "compare",
-    "count_photons",
-    "flat_curve",
-    "read_curve",
-    "tabulated",
-]

@@ -13,8 +13,7 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.optics.spectrum_file import band_from_table
-from jitterkit.photons.curve import Curve
-from jitterkit.photons.throughput import Throughput, annulus_area
+from jitterkit.photons.curve import Curve, Throughput, annulus_area
 
 
 @dataclass(frozen=True, eq=False)

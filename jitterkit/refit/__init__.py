@@ -14,26 +14,3 @@ from jitterkit.refit.priors import Priors, kernel_prior, moments_prior, sequence
 from jitterkit.refit.result import Candidate, FitResult, Status
 from jitterkit.refit.sampling import sample_posterior
 from jitterkit.refit.scene_choice import SceneChoice
-
-__all__ = [
-    "SCENES",
-    "Candidate",
-    "FitOptions",
-    "FitResult",
-    "KernelPrior",
-    "Posterior",
-    "Priors",
-    "SceneChoice",
-    "Status",
-    "choose_scene",
-    "fit_best_locus",
-    "fit_frame",
-    "fit_locus",
-    "kernel_prior",
-    "moments_prior",
-    "read_kernel_prior",
-    "sample_posterior",
-    "sequence_prior",
-    "single_star",
-    "trace_prior",
-]

@@ -6,8 +6,6 @@ import numpy as np
 
 from jitterkit.loci import Locus, PartialShm, Path, Product, Shaped, Streak
 
-__all__ = ["at_zero_length", "regularizing_priors"]
-
 _SIGMAS = 3.0
 """Standard errors from zero below which a streak's length cannot be distinguished from zero."""
 

@@ -10,8 +10,6 @@ from jitterkit.estimators.compressed import CLOSE, CompressedFit, CompressedLike
 from jitterkit.loci import locus_class
 from jitterkit.refit.result import FitResult
 
-__all__ = ["as_fit", "evaluate_by_cumulants"]
-
 _CLOSER = 0.1
 """Largest error of a difference in log-likelihood by cumulants, as a share of it, at which it is used."""
 

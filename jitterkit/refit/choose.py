@@ -44,8 +44,6 @@ from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import STRAIGHT, FitResult, Status
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
-__all__ = ["DETECTED", "fit_best_locus", "is_jitter_undetected", "is_lost", "single_star"]
-
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
 

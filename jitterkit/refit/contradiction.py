@@ -13,8 +13,6 @@ import scipy.stats
 from jitterkit.forward import Parameters, to_vector
 from jitterkit.refit.priors import Priors
 
-__all__ = ["CONTRADICTED", "prior_chance"]
-
 CONTRADICTED = 1e-3
 """Chance below which frame and prior contradict each other."""
 

@@ -23,8 +23,6 @@ from jitterkit.loci import Linear, Locus, Shm, axis_variances, covariance_on_axi
 from jitterkit.refit.boundary import at_zero_length, regularizing_priors
 from jitterkit.refit.result import FitResult
 
-__all__ = ["CHOICES", "Choice", "log_evidence", "log_volume", "minor_variance"]
-
 _LEAST = 1e-12
 """arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
 

@@ -30,14 +30,6 @@ from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult
 
-__all__ = [
-    "FitOptions",
-    "convergence_error",
-    "fit_and_allow",
-    "fit_frame",
-    "linearisation_tolerance",
-]
-
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4
 """Tolerance of a fit, at and above which the optics are exact to
@@ -240,16 +232,12 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
     zero_length = at_zero_length(locus, names, covariance) if sound and not bool(end.converged) else set()
-    regularized = set(regularizing_priors(locus))
-    exempt = zero_length | regularized
+    regularized, converged = set(regularizing_priors(locus)), bool(end.converged)
     tolerance = _REGULARIZED_TOLERANCE if regularized else _BOUNDARY_TOLERANCE
-    converged = bool(end.converged) or (
-        sound and bool(exempt) and _others_converged(end, names, exempt, tolerance)
-    )
-    excess = misfit.chi2 - dof
-    if data.model_variance is not None:
-        excess = max(excess, 0.0)  # a model error that is given may be larger than it is
-    flags = [] if abs(excess) < MISFIT * misfit.spread else ["misfit"]
+    if not converged and sound and (exempt := zero_length | regularized):
+        converged = _others_converged(end, names, exempt, tolerance)
+    least = -np.inf if data.model_variance is None else 0.0  # a model error that is given may be too large
+    flags = [] if abs(max(misfit.chi2 - dof, least)) < MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
     flags += ["jitter_undetected"] if converged and zero_length and isinstance(locus, Streak) else []
     aberrations = otf.varied(end.parameters.scene)
@@ -304,10 +292,8 @@ def _classify(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, st
     if not np.isfinite(chi2_dof) or chi2_dof > POOR:
         return Status.POOR_FIT, f"{Status.POOR_FIT.value}: chi²/dof is {chi2_dof:.4g}."
     if not sound:
-        return (
-            Status.NOT_CONVERGED,
-            "the frame does not determine its parameters: the information is singular.",
-        )
+        message = "the frame does not determine its parameters: the information is singular."
+        return Status.NOT_CONVERGED, message
     if not converged:
         return Status.NOT_CONVERGED, f"{Status.NOT_CONVERGED.value}."
     return Status.OK, f"{Status.OK.value}: chi²/dof is {chi2_dof:.4g}."

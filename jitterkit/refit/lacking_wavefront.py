@@ -24,8 +24,6 @@ from jitterkit.optics.pupil import Pupil, zernike
 from jitterkit.optics.system import OpticalSystem, Optics
 from jitterkit.refit.result import FitResult
 
-__all__ = ["describe_lacking_wavefront"]
-
 _LAST = 36
 """Noll's number of the last mode that is tried: the end of the seventh order."""
 

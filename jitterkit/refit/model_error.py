@@ -12,8 +12,6 @@ from jitterkit.locate import relative_error
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult
 
-__all__ = ["differs", "with_model_error"]
-
 _SAME = 0.1
 """Share by which a variance of model errors may change and be the same."""
 

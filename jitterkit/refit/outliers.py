@@ -22,8 +22,6 @@ from jitterkit.locate import ModelError, Residual, allow_for_model, most_outlier
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult, Status
 
-__all__ = ["OUTLIERS", "Fit", "Fitted", "find_rays", "fit_without_outliers", "left_out"]
-
 OUTLIERS = "outliers_left_out"
 """Flag of a frame of which single pixels were left out."""
 

@@ -16,8 +16,6 @@ from jitterkit.likelihood import Data
 from jitterkit.locate.matched_filter import spectrum_of_star
 from jitterkit.optics.otf import OTF
 
-__all__ = ["describe_field_variation", "star_moments"]
-
 _FALSE = 1e-4
 """Chance of such differences below which they are none of noise."""
 

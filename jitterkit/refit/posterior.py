@@ -8,8 +8,6 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 
-__all__ = ["Posterior"]
-
 
 @dataclass(frozen=True)
 class Posterior:
@@ -56,10 +54,8 @@ class Posterior:
     def index(self, name: str) -> int:
         """Column of a parameter."""
         if name not in self.names:
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_NAME,
-                f"There are no draws of {name!r}; there are of {', '.join(self.names)}.",
-            )
+            problem = f"There are no draws of {name!r}; there are of {', '.join(self.names)}."
+            raise ConfigurationError(ErrorCode.UNKNOWN_NAME, problem)
         return self.names.index(name)
 
     def of(self, name: str) -> np.ndarray:

@@ -24,8 +24,6 @@ from jitterkit.refit.priors import (
     whole_exposures,
 )
 
-__all__ = ["CORRELATIONS", "KernelPrior", "read_kernel_prior"]
-
 _MOMENTS = ("sxx", "sxy", "syy")
 
 _LONGER = 1.01
@@ -130,15 +128,11 @@ def read_kernel_prior(
     estimates = [_estimate(row) for row in table if row["status"] == "ok"]
     good = tuple(filter(_is_sound, estimates))
     if not good:
-        raise ConfigurationError(
-            ErrorCode.NO_DATA, f"{path} holds no kernel estimate; none of its {len(table)} frames is ok."
-        )
+        problem = f"{path} holds no kernel estimate; none of its {len(table)} frames is ok."
+        raise ConfigurationError(ErrorCode.NO_DATA, problem)
     if 1 < len(good) <= OTHERS:  # of each frame its own is left out
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS + 1} or more: fewer do not "
-            "show how jitter scatters.",
-        )
+        problem = f"{path} holds estimates of {len(good)} frames; give one, or {OTHERS + 1} or more"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}: fewer do not show how jitter scatters.")
     return KernelPrior(str(path), good)
 
 
@@ -160,22 +154,17 @@ def _read(path: Path) -> QTable:
     try:
         table = QTable.read(path, format="ascii.ecsv")
     except (OSError, ValueError) as error:
-        raise ConfigurationError(
-            reading_code(error),
-            f"{path} cannot be read as a table ({_first_line(error)}); give what 'jitterkit estimate -o' "
-            "wrote, or a trace as .csv.",
-        ) from None
+        problem = f"{path} cannot be read as a table ({_first_line(error)})"
+        remedy = "give what 'jitterkit estimate -o' wrote, or a trace as .csv"
+        raise ConfigurationError(reading_code(error), f"{problem}; {remedy}.") from None
     missing = [name for name in wanted if name not in table.colnames]
     if missing:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path} has no column {missing[0]!r}; give a table that 'jitterkit estimate -o' wrote.",
-        )
+        problem = f"{path} has no column {missing[0]!r}; give a table that 'jitterkit estimate -o' wrote."
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     for name in wanted[4:]:
         if getattr(table[name], "unit", None) != "arcsec2":
-            raise ConfigurationError(
-                ErrorCode.UNKNOWN_UNIT, f"{path}: the column {name!r} is not in arcsec2; estimate it again."
-            )
+            problem = f"{path}: the column {name!r} is not in arcsec2; estimate it again."
+            raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, problem)
     return table
 
 

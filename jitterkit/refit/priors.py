@@ -18,10 +18,8 @@ import numpy as np
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import LOCI, Locus, Trace
+from jitterkit.metric import Prior
 from jitterkit.refit.boundary import regularizing_priors
-from jitterkit.scoring import Prior
-
-__all__ = ["Priors", "kernel_prior", "moments_prior", "sequence_prior", "trace_prior"]
 
 OTHERS = 6
 """Frames that a scatter of three moments can be learnt from: with fewer its variance is infinite."""
@@ -52,10 +50,8 @@ class Priors:
     def __post_init__(self) -> None:
         for name, (mean, sigma) in {**self.if_free, **self.terms}.items():
             if not (np.isfinite(mean) and sigma > 0):
-                raise ConfigurationError(
-                    ErrorCode.OUT_OF_RANGE,
-                    f"The prior on {name} needs a finite mean and a positive sigma, got {mean} and {sigma}.",
-                )
+                problem = f"The prior on {name} needs a finite mean and a positive sigma"
+                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, got {mean} and {sigma}.")
 
     @classmethod
     def alike(cls, names: Iterable[str], sigma: float | None) -> Priors:
@@ -108,10 +104,9 @@ class Priors:
         known = {name: term for name, term in weak.items() if name in names} | self.on(names)
         for name, (centre, sigma) in known.items():
             if name not in names:
-                raise ConfigurationError(
-                    ErrorCode.UNKNOWN_NAME,
-                    f"There is no free parameter {name!r} to put a prior on; there are {', '.join(names)}.",
-                )
+                problem = f"There is no free parameter {name!r} to put a prior on"
+                remedy = f"there are {', '.join(names)}"
+                raise ConfigurationError(ErrorCode.UNKNOWN_NAME, f"{problem}; {remedy}.")
             i = names.index(name)
             mean[i], precision[i, i] = centre, sigma**-2
         moments, covariance = (np.zeros(3), None) if self.moments is None else self.moments
@@ -137,11 +132,9 @@ def moments_prior(mean, covariance) -> Priors:
     mean, covariance = np.asarray(mean, float), np.asarray(covariance, float)
     finite = bool(np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance)))
     if not (finite and np.linalg.eigvalsh(covariance)[0] > 0):
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"A prior on the jitter needs finite moments and a positive definite covariance; got "
-            f"{mean.tolist()} and {covariance.tolist()}.",
-        )
+        problem = "A prior on the jitter needs finite moments and a positive definite covariance"
+        found = f"got {mean.tolist()} and {covariance.tolist()}"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {found}.")
     return Priors(moments=(mean, covariance))
 
 
@@ -212,11 +205,8 @@ def sequence_prior(estimates: Sequence[KernelEstimate], frame: str, digest: str 
     others = [estimate for estimate in estimates if not same_frame(estimate, frame, digest)]
     n = len(others)
     if n < OTHERS:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"A prior from a sequence needs the estimates of {OTHERS} other frames or more, got {n}; "
-            "fit without.",
-        )
+        problem = f"A prior from a sequence needs the estimates of {OTHERS} other frames or more, got {n}"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; fit without.")
     weights = np.array([np.linalg.inv(estimate.covariance) for estimate in others])
     moments = np.array([estimate.moments for estimate in others])
     mean = np.linalg.solve(weights.sum(axis=0), np.einsum("nij,nj->i", weights, moments))
@@ -251,20 +241,16 @@ def trace_prior(t, x, y, uncertainty: float = 0.1, exposure: float | None = None
     that a straight trace does not forbid a round blur.
     """
     if not uncertainty > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE, f"The uncertainty of a trace must be positive, got {uncertainty}."
-        )
+        problem = f"The uncertainty of a trace must be positive, got {uncertainty}."
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     t = np.asarray(t, float)
     pieces = 1 if exposure is None else whole_exposures(t[-1] - t[0], exposure)
     starts = [t[0] + k * (exposure or 0.0) for k in range(pieces)]
     every = np.array([Trace.of(t, x, y, start, exposure).moments() for start in starts])
     mean = every.mean(axis=0)
     if mean[0] + mean[2] <= (_ROUNDING * max(np.abs(x).max(), np.abs(y).max())) ** 2:
-        raise ConfigurationError(
-            ErrorCode.NO_SIGNAL,
-            "The trace does not move during the exposure, and has no information on the jitter; give "
-            "one that does, or fit without.",
-        )
+        problem = "The trace does not move during the exposure, and has no information on the jitter"
+        raise ConfigurationError(ErrorCode.NO_SIGNAL, f"{problem}; give one that does, or fit without.")
     width = (2 * uncertainty * (mean[0] + mean[2])) ** 2 * np.diag([1.0, 0.5, 1.0])
     return moments_prior(mean, width + (np.cov(every.T) if pieces > 1 else 0.0))
 
@@ -276,11 +262,9 @@ def whole_exposures(duration: float, exposure: float) -> int:
 
 def _describe_source(estimate: KernelEstimate) -> None:
     if not estimate.source:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            "This kernel estimate does not say which data it was made from; set its source before using it "
-            "as a prior, or the frame's photons may be counted twice.",
-        )
+        problem = "This kernel estimate does not say which data it was made from"
+        remedy = "set its source before using it as a prior, or the frame's photons may be counted twice"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; {remedy}.")
 
 
 def same_frame(estimate: KernelEstimate, frame: str, digest: str) -> bool:

@@ -11,10 +11,7 @@ import numpy as np
 from jitterkit.errors import ErrorCode, code_of
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
-from jitterkit.loci import Locus, principal_axes
-from jitterkit.loci.base import moments_and_slope
-
-__all__ = ["Candidate", "FitResult", "Status", "moments_of"]
+from jitterkit.loci.base import moments_of
 
 
 class Status(enum.Enum):
@@ -203,33 +200,6 @@ class FitResult:
         message = f"{self.message or self.status.value} {sentence}"
         return replace(self, message=message, flags=tuple(dict.fromkeys((*self.flags, flag))))
 
-    def implausible(self, shape: tuple[int, int], plate_scale: float) -> str:
-        """Say what no frame can show, however well the model fits it.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            ``(ny, nx)`` of the frame.
-        plate_scale : float
-            arcsec/pixel.
-
-        Returns
-        -------
-        problem : str
-            Stars outside the frame, or a blur as wide as it is: half a sentence.  Empty if all is well.
-        """
-        if self.parameters is None:
-            return ""
-        scene, half = self.parameters.scene, (np.array(shape[::-1]) - 1) / 2 * plate_scale
-        x, y, _ = map(np.asarray, scene.sources())
-        middle = np.abs(np.array([float(scene.x), float(scene.y)]))
-        if not np.all(middle <= half) or np.hypot(np.ptp(x), np.ptp(y)) > 2 * np.hypot(*half):
-            return "it puts the stars outside the frame"
-        major, _, _ = principal_axes(self.parameters.locus.moments())
-        if 4 * major > 2 * half.max():
-            return f"it blurs them by {major:.3g} arcsec rms, a quarter of the frame"
-        return ""
-
     def moved(self, parameters: Parameters, covariance: np.ndarray) -> FitResult:
         """Return the result with other values and errors; its candidates' moments move as its own do."""
         assert self.parameters is not None
@@ -316,28 +286,3 @@ class FitResult:
             likely = {name: c for name, c in likely.items() if name not in (*STRAIGHT, "mvn")}
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)
-
-
-def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Second moments of a locus whose coordinates are known to a covariance.
-
-    Parameters
-    ----------
-    locus : Locus
-    names : tuple of str
-        Of the free parameters, those of the locus among them.
-    covariance : (p, p) array
-        Of the free parameters.
-
-    Returns
-    -------
-    moments : (3,) array
-        ``(Sxx, Sxy, Syy)``, arcsec².
-    covariance : (3, 3) array
-        Zero unless all coordinates of the locus are free.
-    """
-    indices = [names.index(n) for n in locus.names if n in names]
-    if len(indices) < len(locus.names) or not indices:
-        return np.asarray(locus.moments()), np.zeros((3, 3))
-    moments, slope = map(np.asarray, moments_and_slope(locus))
-    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T

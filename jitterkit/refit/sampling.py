@@ -21,14 +21,12 @@ from jaxtyping import Array, Float
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.likelihood import Data, deviance
+from jitterkit.metric import Prior
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.posterior import Posterior
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult
-from jitterkit.scoring import Prior
-
-__all__ = ["sample_posterior"]
 
 _LEAST_DRAWS = 4
 """Of a chain: its halves are compared with each other, and each needs a variance."""
@@ -159,17 +157,13 @@ class _Target(eqx.Module):
 
 def _target(data, optics, fit: FitResult, priors: Priors) -> _Target:
     if fit.parameters is None or not fit.names:
-        raise ConfigurationError(
-            ErrorCode.TOO_FEW,
-            f"This fit has no free parameters to draw ({fit.message.rstrip('.')}); fit the frame first, with "
-            "some of them free.",
-        )
+        problem = f"This fit has no free parameters to draw ({fit.message.rstrip('.')})"
+        remedy = "fit the frame first, with some of them free"
+        raise ConfigurationError(ErrorCode.TOO_FEW, f"{problem}; {remedy}.")
     if not np.all(np.isfinite(fit.covariance)):
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            "The frame does not determine all its parameters, so their posterior has no end; hold some of "
-            "them or give priors in the fit.",
-        )
+        problem = "The frame does not determine all its parameters, so their posterior has no end"
+        remedy = "hold some of them or give priors in the fit"
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
     otf = optics.otf(np.asarray(fit.parameters.aberrations))
     every = parameter_names(fit.parameters, otf.names)
     prior = priors.over(fit.names, fit.parameters.locus)
@@ -243,6 +237,5 @@ def _check(draws: int, chains: int, warmup: int) -> None:
     _blackjax()  # says how to install it
     for what, given, least in (("draws", draws, _LEAST_DRAWS), ("chains", chains, 1), ("warmup", warmup, 1)):
         if given < least:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE, f"Sampling needs at least {least} for {what}, got {given}."
-            )
+            problem = f"Sampling needs at least {least} for {what}, got {given}."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)

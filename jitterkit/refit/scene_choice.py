@@ -13,8 +13,6 @@ from jitterkit.locate import ModelError, Residual, Start, allow_for_model
 from jitterkit.optics.otf import OTF
 from jitterkit.refit.result import FitResult
 
-__all__ = ["DECIDED", "SceneChoice", "SceneEvidence", "found_allowing"]
-
 DECIDED = 3.0
 """Logarithm of the odds, 20 to 1, from which a pair is one; by less in its favour a frame does not decide."""
 

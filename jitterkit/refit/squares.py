@@ -10,8 +10,6 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.squares import free_squares
 
-__all__ = ["with_free_squares"]
-
 
 def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOptions) -> FitResult:
     """Return a fit whose jitter does not depend on the sign that squares of aberrations must have.

@@ -16,8 +16,6 @@ import numpy as np
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
 from jitterkit.refit.weigh_scenes import FAINTEST
 
-__all__ = ["log_odds_together", "scene_together"]
-
 
 def scene_together(choices: Sequence[SceneChoice]) -> str | None:
     """Return the name of the scene that frames of one target show; None where they leave it open.

@@ -9,8 +9,6 @@ import numpy as np
 from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.result import Candidate, FitResult, Status
 
-__all__ = ["Tried", "describe_undecided", "weigh", "weight_of_evidence"]
-
 _CERTAIN = 0.95
 """Weight above which a frame has decided."""
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from jitterkit.calibration import Calibration, MeasuredMap
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.words import with_error
 
 _SIZE = (5.2, 3.7)

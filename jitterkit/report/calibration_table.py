@@ -103,10 +103,9 @@ def _of_transfer(calibration: Calibration) -> list[str]:
     chi2 = f"; chi2 of the line {transfer.chi2:.3g} for {transfer.freedom}" if transfer.freedom else ""
     sentences = [f"Photon transfer: {len(lit)} levels of light{left_out}{chi2}."]
     if transfer.freedom and transfer.chi2 > _NO_LINE * transfer.freedom:
-        sentences.append(
-            "The variances do not lie on a line, so that the gain and all in electrons may be wrong: "
-            "give single exposures as they were read, neither scaled nor averaged, of one setting."
-        )
+        said = "The variances do not lie on a line, so that the gain and all in electrons may be wrong"
+        found = "give single exposures as they were read, neither scaled nor averaged, of one setting"
+        sentences.append(f"{said}: {found}.")
     marked = [level.signal for level in transfer.levels if level.saturated]
     if len(marked) > 1 and marked[-1] > _RISING * marked[0]:
         sentences.append(
@@ -123,10 +122,9 @@ def _of_transfer(calibration: Calibration) -> list[str]:
             remedy = "check the exposures, and that all frames have one bias level"
             sentences.append(f"No detector does that: {remedy}.")
     if transfer.coupling > _SMOOTH:
-        sentences.append(
-            f"The coupling of {100 * transfer.coupling:.2g} % is larger than detectors have: if the flats "
-            "were smoothed or resampled, the gain and all in electrons are wrong."
-        )
+        said = f"The coupling of {100 * transfer.coupling:.2g} % is larger than detectors have"
+        found = "if the flats were smoothed or resampled, the gain and all in electrons are wrong"
+        sentences.append(f"{said}: {found}.")
     if not transfer.coupling and math.isfinite(transfer.coupling_error):
         error = f"(error {100 * transfer.coupling_error:.2g} %)"
         sentences.append(f"No coupling to the neighbours is significant {error}.")

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from jitterkit.forecast.causes import Causes, Degeneracy
 from jitterkit.forecast.causes_data import Observation, cheapest
 from jitterkit.forecast.directions import listed
-from jitterkit.report.axes import INK, axes_or_new
 from jitterkit.report.columns import Column, bind, bind_rows
+from jitterkit.report.plots import INK, axes_or_new
 from jitterkit.report.words import MINUS, TIMES, number
 
 _HALF = 12

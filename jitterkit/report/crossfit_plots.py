@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jitterkit.forecast import Panel
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new
 from jitterkit.report.columns import Column, bind_rows, measured
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new
 
 _BINS = 60
 

@@ -16,10 +16,9 @@ from jitterkit.errors import UndeterminedError
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import TransferRatio, kernel_transfer, locus_of, transfer_ratio
 from jitterkit.loci import Mvn, locus_name
-from jitterkit.report.axes import note_in_axes, scale_and_unit
 from jitterkit.report.field_plots import plot_differences, plot_scene, plot_spectrum, plot_whiskers
 from jitterkit.report.kernel_plots import plot_kernel, plot_kernel_image, plot_transfer
-from jitterkit.report.plots import plot_residual, three_panels
+from jitterkit.report.plots import note_in_axes, plot_residual, scale_and_unit, three_panels
 from jitterkit.report.words import angle_size, number
 
 Panels = list[Any]

@@ -16,7 +16,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 
 from jitterkit.loci import Locus, principal_axes
-from jitterkit.report.axes import (
+from jitterkit.report.plots import (
     BLUE,
     INK,
     RUST,
@@ -24,9 +24,9 @@ from jitterkit.report.axes import (
     colour_bar,
     finish,
     note_in_axes,
+    plot_image,
     scale_and_unit,
 )
-from jitterkit.report.plots import plot_image
 from jitterkit.report.words import angle_size
 
 _WHISKER = 0.04

@@ -23,9 +23,9 @@ from matplotlib.ticker import FuncFormatter
 from scipy.optimize import isotonic_regression
 
 from jitterkit.forecast import Forecast, Requirement, Sweep
-from jitterkit.report.axes import INK, RUST, axes_or_new, colour_bar, finish
 from jitterkit.report.columns import unit_of
 from jitterkit.report.forecast_table import observing_time
+from jitterkit.report.plots import INK, RUST, axes_or_new, colour_bar, finish
 from jitterkit.report.words import MINUS
 
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "1235" else "")

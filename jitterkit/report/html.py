@@ -24,7 +24,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from jitterkit.errors import printable
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.report.flags import FLAGS, decode_flags
 from jitterkit.report.pictures import MOST_PICTURES, FrameReport, choose_pictures
 from jitterkit.report.residual_stack import ResidualStack

@@ -12,9 +12,8 @@ from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, finish, panels, suited_angle
-from jitterkit.report.clock import Clock
-from jitterkit.report.means import stretch_index
+from jitterkit.report.means import Clock, stretch_index
+from jitterkit.report.plots import ABOVE, BLUE, INK, RUST, finish, panels, suited_angle
 from jitterkit.report.time_plots import MANY, label_time, shown_times
 from jitterkit.report.words import angle_size
 

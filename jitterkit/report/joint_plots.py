@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jitterkit.joint import SequenceFit, SequenceFrame
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 
 _SIZE = (9.6, 3.0)
 _MANY = 2000

@@ -19,8 +19,7 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.kernels import TransferRatio, kernel_moments
 from jitterkit.loci import Locus, principal_axes, rasterise
-from jitterkit.report.axes import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, note_in_axes
-from jitterkit.report.plots import plot_image
+from jitterkit.report.plots import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, note_in_axes, plot_image
 from jitterkit.report.words import angle_size, number
 
 _CELLS = 81

@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter
 
 from jitterkit.loci import Locus, Product, principal_axes
 from jitterkit.motion import PARTS, Assessment, PowerSpectrum, Split, cumulative_split, part_weights
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.kernel_plots import plot_kernel_image
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish, note_in_axes, panels
 from jitterkit.report.words import number
 
 _STYLES: dict[str, dict[str, Any]] = {

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from jitterkit.photons.budget import PhotonBudget
-from jitterkit.report.axes import ABOVE, BLUE, INK, RUST, axes_or_new, finish, panels
+from jitterkit.report.plots import ABOVE, BLUE, INK, RUST, axes_or_new, finish, panels
 from jitterkit.report.words import number
 
 _MARGIN = 0.35

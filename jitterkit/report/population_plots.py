@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.stats import chi2 as chi_squared
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, suited_angle
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish, suited_angle
 from jitterkit.report.words import number
 
 _SIZE = (5.2, 3.6)

@@ -14,14 +14,13 @@ import numpy as np
 from astropy.table import QTable
 from scipy.stats import chi2
 
-from jitterkit.report.clock import Clock, fitted, separation_series
 from jitterkit.report.jitter_plots import draw_jitter, jittered
+from jitterkit.report.means import Clock, fitted, separation_series
 from jitterkit.report.plots import plot_residual, png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack, count_copies
-from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
 from jitterkit.report.series_plots import plot_allan, plot_pulls, plot_root_n, study_series
-from jitterkit.report.time_plots import draw_run
+from jitterkit.report.time_plots import draw_run, plot_root_n_error, plot_running_mean
 from jitterkit.report.words import angle_size, angle_unit, number, suited_time, with_error
 from jitterkit.series import Floor, Trend, allan_deviation, block_scatter
 
@@ -158,10 +157,8 @@ def _describe_outliers(flags: np.ndarray) -> str:
     if not count:
         return "No frame is further off than chance allows."
     these = "1 frame is" if count == 1 else f"{count:,} frames are"
-    return (
-        f"{these} further off than chance allows: left out of block means, Allan deviation and trend, "
-        "counted in the mean."
-    )
+    said = f"{these} further off than chance allows"
+    return f"{said}: left out of block means, Allan deviation and trend, counted in the mean."
 
 
 def _jitter(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[RunPicture]:
@@ -230,7 +227,5 @@ def _describe_tail(chi2_dof: np.ndarray, dof: np.ndarray) -> str:
         return ""
     limit = 1 + _FAR * np.sqrt(2 / dof)
     far, chance = int(np.sum(chi2_dof > limit)), float(np.sum(chi2.sf(limit * dof, dof)))
-    return (
-        f"{far:,} of {len(dof):,} frames lie more than {_FAR} sigmas above 1; "
-        f"noise alone would put {number(chance, 1)} there."
-    )
+    said = f"{far:,} of {len(dof):,} frames lie more than {_FAR} sigmas above 1"
+    return f"{said}; noise alone would put {number(chance, 1)} there."

@@ -94,10 +94,9 @@ def describe_loci(loci: dict[str, Any]) -> str:
         return ""
     best, frames, weights = loci["best"], loci["frames"], loci["weights"]
     if loci["dissent"]:
-        return (
-            f"The frames do not share one kind of locus: {loci['dissent']:,} of {frames:,} contradict "
-            f"{best}, which fits them best together."
-        )
+        said = "The frames do not share one kind of locus"
+        rest = f"{loci['dissent']:,} of {frames:,} contradict {best}, which fits them best together"
+        return f"{said}: {rest}."
     several = (f"{frames:,} frames together", "show", "are")
     who, show, are = ("The frame", "shows", "is") if frames == 1 else several
     if weights[best] > _CERTAIN:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, finish, panels, suited_angle
 from jitterkit.report.means import stretch_means
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish, panels, suited_angle
 from jitterkit.report.words import angle_size, angle_unit, number, suited_time, with_error
 from jitterkit.series import (
     AllanDeviation,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from astropy.table import QTable
 
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.report.flags import encode_flags
 from jitterkit.report.means import corrected, weighted_mean
 from jitterkit.report.residual_stack import ResidualStack, count_copies

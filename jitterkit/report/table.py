@@ -20,7 +20,7 @@ from astropy.table import MaskedColumn, QTable
 from astropy.utils.exceptions import AstropyUserWarning
 
 from jitterkit.errors import printable
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.report.columns import COLUMNS, Column, aberration_columns, bind, bind_rows, measured, named
 from jitterkit.report.flags import flag_meanings
 from jitterkit.report.outputs import table_ending

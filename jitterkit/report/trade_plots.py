@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Bbox
 
-from jitterkit.report.axes import BLUE, INK, RUST, axes_or_new, note_in_axes
+from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, note_in_axes
 
 _POSITIONS = (3, -9, 11, -17, 19)
 """Points above a point at which its name may stand."""

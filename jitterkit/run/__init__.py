@@ -5,5 +5,3 @@ the store, and writes table, summary and report (:mod:`jitterkit.report`).
 """
 
 from jitterkit.run.process import Run, process_files
-
-__all__ = ["Run", "process_files"]

@@ -17,7 +17,7 @@ from jitterkit.batch.plan import count_frames, plan_batches
 from jitterkit.batch.records import BlurMeasurement, SceneEstimate
 from jitterkit.errors import printable
 from jitterkit.frames import find_files
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.reader import Duplicates
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS

@@ -22,7 +22,7 @@ from jitterkit.batch.resume import FILES
 from jitterkit.batch.store import STORE, Store
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.report.html import write_report
 from jitterkit.report.outputs import (
     CONFIGURATION,
@@ -147,8 +147,8 @@ def process_files(
     executor = executor or partial(execute, threads=threads)
     with prepare_run(directory, configuration, command, overwrite=overwrite, resume=resume) as store:
         count = partial(count_frames, hdu=hdu)
-        store.check_files(files, count, size)
-        counts = store.frame_counts(files, count)
+        store.counts.check(files, count, size, store.done())
+        counts = store.counts.frames(files, count)
         mark = duplicate_marker()
         if callback := before or watch:
             for row in store.rows():
@@ -174,9 +174,8 @@ def prepare_run(
         As for :func:`process_files`.
     """
     if overwrite and resume:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT, "--resume continues a run, --overwrite starts it again; give one of the two."
-        )
+        problem = "--resume continues a run, --overwrite starts it again; give one of the two."
+        raise ConfigurationError(ErrorCode.CONFLICT, problem)
     make_directory(directory, RUN, overwrite or resume)
     notes = {"command": command}
     if resume:

@@ -15,7 +15,7 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.forward import expected_image
 from jitterkit.frames import Frame, write_fits
 from jitterkit.frames.sky import turned_over
-from jitterkit.frames.whole import replacing
+from jitterkit.frames.writer import replacing
 from jitterkit.kernels import deblur, in_rows, kernel_image, write_kernel
 from jitterkit.likelihood import pearson
 from jitterkit.loci import Stable
@@ -90,12 +90,9 @@ class Products:
         """Return the file name of a frame's products, without the suffix; each is given once."""
         stem, full = _names(measured)
         if full in self._files or {stem, full} <= self._written:
-            raise FrameError(
-                ErrorCode.EXISTS,
-                measured.frame.name,
-                f"would replace the products of another frame of the name {stem}",
-                "process its directory on its own",
-            )
+            problem = f"would replace the products of another frame of the name {stem}"
+            remedy = "process its directory on its own"
+            raise FrameError(ErrorCode.EXISTS, measured.frame.name, problem, remedy)
         name = full if stem in self._written else stem
         self._files.add(full)
         self._written.add(name)

@@ -12,8 +12,8 @@ from functools import partial
 from jitterkit.batch import FrameProcessor, ProcessedFrame
 from jitterkit.batch.executor import Outcome
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.store import Rank, wanted
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.batch.ranking import Rank, wanted
+from jitterkit.frames.reader import Duplicates
 from jitterkit.refit import FitResult
 from jitterkit.report.pictures import pack_picture
 from jitterkit.report.residual_stack import ResidualStack, stack_residuals, to_stack

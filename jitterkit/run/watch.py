@@ -131,9 +131,8 @@ def watch_directory(
             log.warning("Not processed in %s: %s; --resume processes them.", printable(directory), left)
         unfinished = watched.try_last(watcher.unfinished())
         if not store.done() and not unfinished:
-            raise FrameError(
-                ErrorCode.NO_IMAGE, directory, "has shown no frame", "see where the camera writes"
-            )
+            problem = "has shown no frame"
+            raise FrameError(ErrorCode.NO_IMAGE, directory, problem, "see where the camera writes")
         return write_outputs(store, output, processor, unfinished)
 
 

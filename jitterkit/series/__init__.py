@@ -12,24 +12,3 @@ from jitterkit.series.laws import (
 from jitterkit.series.outliers import Outliers, find_outliers
 from jitterkit.series.series import Series
 from jitterkit.series.trend import Period, Trend, find_period, fit_trend
-
-__all__ = [
-    "NOISES",
-    "AllanDeviation",
-    "BlockScatter",
-    "Floor",
-    "Outliers",
-    "Period",
-    "Series",
-    "Trend",
-    "allan_deviation",
-    "block_scatter",
-    "degrees_of_freedom",
-    "difference_correlation",
-    "difference_variance",
-    "find_outliers",
-    "find_period",
-    "fit_floor",
-    "fit_trend",
-    "simulate_flicker",
-]

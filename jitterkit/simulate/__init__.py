@@ -3,16 +3,3 @@
 from jitterkit.simulate.cards import fits_header, tiff_metadata, truth_cards
 from jitterkit.simulate.checks import check_inside, check_reach, check_scene, read_stars
 from jitterkit.simulate.frames import Simulated, simulate_frame, simulate_sequence
-
-__all__ = [
-    "Simulated",
-    "check_inside",
-    "check_reach",
-    "check_scene",
-    "fits_header",
-    "read_stars",
-    "simulate_frame",
-    "simulate_sequence",
-    "tiff_metadata",
-    "truth_cards",
-]

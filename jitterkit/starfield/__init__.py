@@ -6,13 +6,3 @@ Reach for :func:`estimate_field`; :func:`roundest` picks the frame of a set that
 from jitterkit.starfield.field import FieldEstimate, estimate_field, roundest
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
 from jitterkit.starfield.psf import Psf, field_psf
-
-__all__ = [
-    "FieldEstimate",
-    "FieldPattern",
-    "Psf",
-    "classify_field",
-    "estimate_field",
-    "field_psf",
-    "roundest",
-]

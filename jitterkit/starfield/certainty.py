@@ -50,10 +50,8 @@ def compatible_with_zero(length: float, noise: float, systematic: float, model_e
     if length**2 > limit:
         return ""
     error = np.hypot(root_error(length**2, noise + systematic), model_error)
-    return (
-        f"No trail is known: its length, {length:.2f} +/- {error:.2f} pixels, is compatible with zero. "
-        "What blur there is may be seeing, focus or optics."
-    )
+    said = f"No trail is known: its length, {length:.2f} +/- {error:.2f} pixels, is compatible with zero"
+    return f"{said}. What blur there is may be seeing, focus or optics."
 
 
 def disagreement(common: Common) -> str:

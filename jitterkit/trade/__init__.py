@@ -3,5 +3,3 @@
 from jitterkit.trade.grid import front, measure_grid
 from jitterkit.trade.scenes import TradeScene
 from jitterkit.trade.settings import PRESETS, Settings
-
-__all__ = ["PRESETS", "Settings", "TradeScene", "front", "measure_grid"]

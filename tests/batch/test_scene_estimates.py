@@ -5,8 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.batch import scene_blur
-from jitterkit.batch.scene_blur import METHODS, SceneBlurEstimator
-from jitterkit.batch.sharp_frame import sharpest
+from jitterkit.batch.scene_blur import METHODS, SceneBlurEstimator, sharpest
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame, write_fits
 from jitterkit.run.estimate import estimate_files

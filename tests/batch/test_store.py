@@ -132,26 +132,26 @@ def test_frames_are_counted_once_and_stay_counted(store, tmp_path):
         asked.append(int(path.name))
         return int(path.name) % 3 + 1
 
-    counts = store.frame_counts(files, count)
+    counts = store.counts.frames(files, count)
     assert [next(counts) for _ in range(5)] == [1, 2, 3, 1, 2]
     first = len(asked)
     assert 5 <= first < 100
     store.close()
     with Store.resume(tmp_path, CONFIGURATION) as again:
-        assert list(again.frame_counts(files, count)) == [n % 3 + 1 for n in range(200)]
+        assert list(again.counts.frames(files, count)) == [n % 3 + 1 for n in range(200)]
         assert asked == list(range(200))
-        assert list(again.frame_counts(files, pytest.fail)) == [n % 3 + 1 for n in range(200)]
+        assert list(again.counts.frames(files, pytest.fail)) == [n % 3 + 1 for n in range(200)]
 
 
 def test_a_run_is_not_started_twice_unless_it_may_be_forgotten(store, tmp_path):
     store.add(0, [row()], {0: b"arrays"})
-    list(store.frame_counts([Path("a")], lambda path: 3))
+    list(store.counts.frames([Path("a")], lambda path: 3))
     store.close()
     with refused(ErrorCode.EXISTS, tmp_path, "--resume", "--overwrite"):
         Store.create(tmp_path, CONFIGURATION)
     with Store.create(tmp_path, {"--locus": "mvn"}, overwrite=True) as again:
         assert (list(again.rows()), again.pictures()) == ([], [])
-        assert list(again.frame_counts([Path("a")], lambda path: 4)) == [4]
+        assert list(again.counts.frames([Path("a")], lambda path: 4)) == [4]
         assert again.configuration == {"--locus": "mvn"}
 
 

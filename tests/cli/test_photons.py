@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from jitterkit.cli.command import as_command
 from jitterkit.cli.photons import photons
 from jitterkit.errors import ErrorCode
+from jitterkit.photons.curve import GLASS, PLATES
 from jitterkit.photons.stars import MAGNITUDES, TEMPERATURES
-from jitterkit.photons.throughput import GLASS, PLATES
 
 pytest.importorskip("synphot")
 runner = CliRunner()

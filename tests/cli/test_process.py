@@ -59,7 +59,7 @@ def test_a_file_that_was_overwritten_before_a_run_goes_on_is_reported(blanks, tm
 def test_the_line_on_the_screen_says_which_rows_are_of_an_earlier_session(blanks, tmp_path, monkeypatch):
     now, earlier = [], []
     monkeypatch.setattr(
-        "jitterkit.cli.process.run_progress", lambda total: nullcontext((now.append, earlier.append))
+        "jitterkit.cli.run.run_progress", lambda total: nullcontext((now.append, earlier.append))
     )
     command = ["process", str(blanks), "-o", str(tmp_path / "out"), "-i", "smallsat", "--locus", "mvn"]
     runner.invoke(app, command)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jitterkit.frames import RawFrame
-from jitterkit.frames.duplicates import Duplicates
+from jitterkit.frames.reader import Duplicates
 
 
 def test_the_first_frame_of_its_pixels_counts():

@@ -26,7 +26,8 @@ from jitterkit.joint import (
     refit_sequence,
 )
 from jitterkit.joint.frame_fitter import _alike
-from jitterkit.joint.refit import _record, _require_fitted
+from jitterkit.joint.records import record_of
+from jitterkit.joint.refit import _require_fitted
 from jitterkit.loci import Linear, Mvn
 from jitterkit.optics import Colours
 from jitterkit.refit import FitResult, Priors, Status
@@ -380,7 +381,7 @@ def test_stars_are_named_and_directions_counted_as_in_another_frame(theta, near,
 def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_share():
     frame = Frame(np.zeros((4, 4)), 0.0, flags=("masked", "saturated"))
     fit = FitResult(Status.OK, "", flags=("aberrations_held", "saturated", "misfit"))
-    record = _record(Exposure("frame", 0.0, frame), fit, ())
+    record = record_of(Exposure("frame", 0.0, frame), fit, ())
     assert record.flags == ("masked", "saturated", "misfit")
 
 

@@ -12,9 +12,10 @@ from jitterkit.forward import GRADIENT, Parameters, expected_image, free_paramet
 from jitterkit.likelihood import Data, deviance, deviance_and_score, normal_equations
 from jitterkit.linearisation import Stall
 from jitterkit.loci import Linear, Mvn, PartialShm, Stable
+from jitterkit.metric import Prior
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior, fisher_scoring
+from jitterkit.scoring import fisher_scoring
 from jitterkit.shutter import Drifting
 
 SCENE = Binary(4.0, 40.0, 0.2, -0.1, 1e6, 2.0)

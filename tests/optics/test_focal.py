@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.optics.expansion import focal_field
+from jitterkit.optics.focal import focal_field
 
 
 def plain_sum(pupil, step, shape):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.report.clock import Clock, fitted, separation_series
+from jitterkit.report.means import Clock, fitted, separation_series
 from jitterkit.report.table import make_table
 
 

@@ -10,16 +10,15 @@ from matplotlib.collections import EllipseCollection
 from PIL import Image
 from scipy.stats import chi2
 
-from jitterkit.report.clock import Clock, separation_series
 from jitterkit.report.jitter_plots import draw_jitter
+from jitterkit.report.means import Clock, separation_series
 from jitterkit.report.plots import plot_residual, png, small_png
 from jitterkit.report.population_plots import plot_angles, plot_chi2, plot_loci, plot_shapes, plot_sizes
 from jitterkit.report.residual_stack import ResidualStack
 from jitterkit.report.run_pictures import run_pictures
-from jitterkit.report.running_plots import plot_root_n_error, plot_running_mean
 from jitterkit.report.summary import summarise
 from jitterkit.report.table import make_table
-from jitterkit.report.time_plots import draw_run
+from jitterkit.report.time_plots import draw_run, plot_root_n_error, plot_running_mean
 from jitterkit.series import find_outliers
 
 

@@ -12,10 +12,10 @@ from jitterkit.forward import Parameters
 from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
 from jitterkit.loci import Linear
-from jitterkit.metric import invert_information
+from jitterkit.metric import Prior, invert_information
 from jitterkit.optics import empirical_otf
 from jitterkit.scene import Star
-from jitterkit.scoring import Prior, fisher_scoring
+from jitterkit.scoring import fisher_scoring
 from jitterkit.starfield import estimate_field, field_psf, roundest
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.joint import fit_joint
