@@ -57,7 +57,7 @@ def locate_star(
         if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
         best = candidate
-        if best.describes(data):
+        if best.lost or best.describes(data):  # no template of a lost wavefront finds a star
             break
         otf, jitter = best.otf, best.parameters.locus
     if best is None:
@@ -97,11 +97,11 @@ def locate_binary(
             tried.append(pair.scene)
             where = data, optics, otf, pair.scene, jitter, hold
             candidate = polished(*where, rough=rough, slopes=False)
-            if best is None or candidate.deviance_dof < best.deviance_dof:
+            if best is None or (candidate.lost, candidate.deviance_dof) < (best.lost, best.deviance_dof):
                 best = _renewed(candidate, data, optics, hold) if rough else candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
-        if best is None or best.deviance_dof > _IMPROVEMENT * before:
+        if best is None or best.lost or best.deviance_dof > _IMPROVEMENT * before:
             break
         otf, jitter = best.otf, best.parameters.locus
     return None if best is None else _finished(best, data, optics, hold, rough)
@@ -140,7 +140,7 @@ def _renewed(found: Start, data: Data, optics: Optics, hold: Collection[str]) ->
 
     A wavefront of 0.3 rad is not found with the derivatives of a flat one.
     """
-    if found.deviance_dof > _FAR_OFF or found.describes(data):
+    if found.lost or found.deviance_dof > _FAR_OFF or found.describes(data):
         return found
     otf, p = with_exact_slopes(found, optics).otf, found.parameters
     return polished(data, optics, otf, p.scene, p.locus, hold, rough=True, slopes=False)
@@ -206,6 +206,8 @@ def with_further_stars(
         return polished(data, optics, near.otf, scene.canonical(), near.parameters.locus, hold)
 
     found, is_field = start, isinstance(start.parameters.scene, Stars)
+    if start.lost and not is_field:  # a pair that holds most of the light would have held its wavefront
+        return start
     stall = Stall(start.deviance_dof)
     for rounds_left in reversed(range(_FURTHER_ROUNDS)):
         scene = found.parameters.scene
