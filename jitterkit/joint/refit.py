@@ -205,7 +205,11 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            records.append(_record(exposure, fit, fitter.own, has_summary=summary is not None))
+            records.append(
+                _record(
+                    exposure, fit, fitter.own, unseen=fitter.holds_unseen, has_summary=summary is not None
+                )
+            )
             if summary is None:
                 continue
             summaries.append(summary)
@@ -249,7 +253,14 @@ class _Run:
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
             records.append(
-                _record(exposure, fit, fitter.own, velocity=velocity, has_summary=summary is not None)
+                _record(
+                    exposure,
+                    fit,
+                    fitter.own,
+                    unseen=fitter.holds_unseen,
+                    velocity=velocity,
+                    has_summary=summary is not None,
+                )
             )
             if summary is not None:
                 summaries.append(summary)
@@ -317,14 +328,20 @@ def _why(exposure: Exposure) -> FitResult:
     return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
 
 
-def _record(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
-    """Make the record of a frame, with the flags of its calibration."""
+def _record(
+    exposure: Exposure, fit: FitResult, own: tuple[str, ...], *, unseen: bool = False, **more
+) -> FrameRecord:
+    """Make the record of a frame, with the flags of its calibration.
+
+    In a frame's own fit aberrations are held because all frames share them; ``unseen`` says that the joint
+    fit holds some too.
+    """
     frame = exposure.frame
     if frame is None:
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
     remark = frame.metadata.remark
     words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
-    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
+    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held" or unseen)
     fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:
