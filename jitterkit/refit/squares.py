@@ -34,6 +34,10 @@ _REACH = 4.0
 _STEP = 0.03
 """rad rms of a mode, for second derivatives, which are off by the square of it."""
 
+_FEWER = 0.8
+"""Share of its variance in the fit below which a value is not better known with squares free, as more free
+parameters cannot make it: the blur is an impossible one, and the fit has the errors of a possible one."""
+
 _SEEN = 3.0
 """Times that such a spread must be as large as the error by the mode's effect in proportion, about zero, for
 the square not to matter: its share of the effect of an error is the inverse square of this."""
@@ -227,4 +231,6 @@ class _Frame(NamedTuple):
         wider = np.zeros_like(fit.covariance)
         wider[np.ix_(free, free)] = covariance[np.ix_(mine, mine)] + variance[np.ix_(free, free)]
         wider[np.ix_(held, held)] = fit.covariance[np.ix_(held, held)]
+        if np.any(np.diag(wider)[free] < _FEWER * np.diag(fit.covariance)[free]):
+            return fit
         return fit.moved(parameters, wider)

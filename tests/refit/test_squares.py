@@ -75,6 +75,14 @@ def test_moments_are_right_whether_a_focus_is_seen_or_not(focus, held, symmetric
     assert np.all(np.abs(off(result)) < 0.15)
 
 
+def test_errors_of_a_blur_that_is_possible_are_not_replaced_by_smaller_ones(symmetric):
+    pixels = image(0.0)
+    plain = fitted(pixels, symmetric, state=np.zeros(3))
+    assert freed(plain, pixels, symmetric) is not plain
+    careful = replace(plain, covariance=100 * plain.covariance)
+    assert freed(careful, pixels, symmetric) is careful
+
+
 @pytest.mark.parametrize("focus", [0.0, 15.0, 40.0])
 def test_a_search_finds_a_focus_that_a_flat_wavefront_does_not_show(focus, symmetric):
     pixels = image(focus)
