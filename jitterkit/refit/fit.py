@@ -15,12 +15,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.forward import Parameters, expected_image, free_parameters, parameter_names
+from jitterkit.forward import Parameters, expected_image, free_parameters, parameter_names, to_vector
 from jitterkit.likelihood import MISFIT, POOR, Data, normal_equations, pearson
 from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Mvn, Streak
 from jitterkit.metric import invert_information
+from jitterkit.optics import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import at_zero_length, regularizing_priors
@@ -230,13 +231,15 @@ def _fit_and_expand(
         canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
         end, otf, more = fit_from(clear, canonical, otf)
         iterations += more
-    result = _finalize(clear, otf, end, names, iterations, time.perf_counter() - began)
+    system = optics.system if isinstance(optics, AnchoredOptics) else optics
+    unseen = () if bool(end.converged) else system.nominal.blind()
+    result = _finalize(clear, otf, end, names, iterations, time.perf_counter() - began, unseen)
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
     return _flag_prior_conflict(result, options.priors, free, end), otf
 
 
-def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitResult:
+def _finalize(data, otf, end: ScoringResult, names, iterations, seconds, unseen=()) -> FitResult:
     image = np.asarray(expected_image(end.parameters, otf))
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
@@ -244,9 +247,11 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
     covariance, sound = invert_information(end.curvature)
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
-    zero_length = at_zero_length(locus, names, covariance) if sound and not bool(end.converged) else set()
+    unsettled = sound and not bool(end.converged)
+    zero_length = at_zero_length(locus, names, covariance) if unsettled else set()
     regularized = set(regularizing_priors(locus))
-    exempt = zero_length | regularized
+    lost = _lost_squares(end, names, unseen, otf.names, covariance) if unsettled else set()
+    exempt = zero_length | regularized | lost
     tolerance = _REGULARIZED_TOLERANCE if regularized else _BOUNDARY_TOLERANCE
     converged = bool(end.converged) or (
         sound and bool(exempt) and _others_converged(end, names, exempt, tolerance)
@@ -279,6 +284,17 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds) -> FitR
         objective=float(end.objective),
     )
     return result.remarked(misfit.correlated_noise(image), "noise_correlated")
+
+
+def _lost_squares(
+    end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, covariance
+) -> set[str]:
+    """Return the modes of a mirror-symmetric pupil whose squares noise hides: steps to zero do not settle."""
+    modes = [(i, name) for i, name in enumerate(names) if name in unseen]
+    vector = np.asarray(to_vector(end.parameters)[0])
+    every = parameter_names(end.parameters, aberrations)
+    value = {name: vector[every.index(name)] for _, name in modes}
+    return {name for i, name in modes if abs(value[name]) < 2 * np.sqrt(covariance[i, i])}
 
 
 def _with_possible_errors(end: ScoringResult, data, otf: OTF, names: tuple[str, ...]) -> ScoringResult:
