@@ -102,6 +102,11 @@ class FrameFitter:
         """Return the parameters that no fit varies: those known, and aberrations without effect."""
         return (*self.known, *self.optics.nominal.blind())
 
+    @property
+    def holds_unseen(self) -> bool:
+        """Return whether aberrations are held because the pupil is its own mirror image."""
+        return bool(set(self.optics.nominal.blind()) - set(self.known))
+
     @cached_property
     def shared(self) -> tuple[str, ...]:
         """Return the names of the shared parameters, in the order of the parameter vector."""

@@ -248,14 +248,20 @@ def reason_of(exposure: Exposure) -> FitResult:
     return exposure.problem or FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}.")
 
 
-def record_of(exposure: Exposure, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
-    """Make the record of a frame, with the flags of its calibration."""
+def record_of(
+    exposure: Exposure, fit: FitResult, own: tuple[str, ...], *, unseen: bool = False, **more
+) -> FrameRecord:
+    """Make the record of a frame, with the flags of its calibration.
+
+    In a frame's own fit aberrations are held because all frames share them; ``unseen`` says that the joint
+    fit holds some too.
+    """
     frame = exposure.frame
     if frame is None:
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
     remark = frame.metadata.remark
     words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
-    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held")
+    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held" or unseen)
     fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:

@@ -181,7 +181,8 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            records.append(record_of(exposure, fit, fitter.own, has_summary=summary is not None))
+            known = {"unseen": fitter.holds_unseen, "has_summary": summary is not None}
+            records.append(record_of(exposure, fit, fitter.own, **known))
             if summary is None:
                 continue
             summaries.append(summary)
@@ -224,9 +225,8 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            records.append(
-                record_of(exposure, fit, fitter.own, velocity=velocity, has_summary=summary is not None)
-            )
+            known = {"unseen": fitter.holds_unseen, "has_summary": summary is not None}
+            records.append(record_of(exposure, fit, fitter.own, velocity=velocity, **known))
             if summary is not None:
                 summaries.append(summary)
                 self.keep(number, frame, fit)

@@ -28,7 +28,28 @@ _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring a candidate to the stars
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
+_OFF_ZERO = 0.1  # rad rms of a mode to begin with that shows by its square only; it hardly blurs a template
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
+
+
+def _starting_optics(optics: Optics, hold: Collection[str]) -> OTF:
+    """Return the nominal transfer function, or one nearby where no mode to be fitted is without effect.
+
+    A pupil that is its own mirror image has no derivative by focus and astigmatism at zero, where a fit would
+    stay whatever they are: 15 nm of focus were taken for jitter, and moments were wrong by seven errors.
+    """
+    nominal = optics.nominal
+    unseen = [
+        nominal.names.index(name) for name in nominal.blind() if name in nominal.modes and name not in hold
+    ]
+    if not unseen:
+        return nominal
+    state = np.array(nominal.state)
+    for i in unseen:
+        unit = np.zeros(len(state))
+        unit[i] = 1.0
+        state[i] = _OFF_ZERO / optics.phase(unit)
+    return optics.otf(state)
 
 
 def locate_star(
@@ -46,7 +67,7 @@ def locate_star(
     start : Start or None
         None if no star rises above the noise.
     """
-    otf, jitter, best = optics.nominal, None, None
+    otf, jitter, best = _starting_optics(optics, hold), None, None
     for _ in range(_ROUNDS):
         star = find_star(data, otf, jitter)
         if star is None:
@@ -84,7 +105,7 @@ def locate_binary(
     start : Start or None
         None if no star rises above the noise.
     """
-    otf: OTF = optics.nominal
+    otf: OTF = _starting_optics(optics, hold)
     jitter: Locus | None = None
     best: Start | None = None
     tried: list[Binary] = []
@@ -126,7 +147,9 @@ def locate_stars(
     if found is None:
         return None
     scene = Stars.of(found.x, found.y, found.flux)
-    start = polished(data, optics, optics.nominal, scene, None, hold, rough=rough, slopes=False)
+    start = polished(
+        data, optics, _starting_optics(optics, hold), scene, None, hold, rough=rough, slopes=False
+    )
     return _finished(start, data, optics, hold, rough)
 
 

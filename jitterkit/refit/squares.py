@@ -10,6 +10,10 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.squares import free_squares
 
+_FEWER = 0.8
+"""Share of its variance in the fit below which a value is not better known with squares free, as more free
+parameters cannot make it: the blur is an impossible one, and the fit has the errors of a possible one."""
+
 
 def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOptions) -> FitResult:
     """Return a fit whose jitter does not depend on the sign that squares of aberrations must have.
@@ -42,5 +46,7 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
     free = free._replace(change=free.change + beside[free.places])
     covariance[:, free.places] = covariance[free.places] = 0.0
     covariance[index] = free.covariance + variance[index]
+    if np.any(np.diag(covariance)[free.places] < _FEWER * np.diag(fit.covariance)[free.places]):
+        return fit
     parameters = free.added_to(fit.parameters, fit.names, fit.aberrations)
     return fit.moved(parameters, covariance) if parameters.scene.is_valid() else fit

@@ -38,6 +38,8 @@ FLAGS: dict[str, str] = {
     "prior_namesake": "the prior was estimated from a frame of this name with other pixels",
     "noise_correlated": "the noise of neighbouring pixels is correlated, as resampling or smoothing leaves "
     "it: that is part of the blur, and errors are not valid",
+    "sign_unknown": "the pupil is its own mirror image: focus, astigmatism and other even aberrations may "
+    "all have the other sign",
 }
 
 

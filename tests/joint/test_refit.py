@@ -29,7 +29,7 @@ from jitterkit.joint.frame_fitter import _alike
 from jitterkit.joint.records import record_of
 from jitterkit.joint.refit import _require_fitted
 from jitterkit.loci import Linear, Mvn
-from jitterkit.optics import Colours
+from jitterkit.optics import Colours, obstructed_circle
 from jitterkit.refit import FitResult, Priors, Status
 from jitterkit.report.joint_summary import joint_summary
 from jitterkit.report.residual_stack import LatestPass, most_stacked
@@ -383,6 +383,16 @@ def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_shar
     fit = FitResult(Status.OK, "", flags=("aberrations_held", "saturated", "misfit"))
     record = record_of(Exposure("frame", 0.0, frame), fit, ())
     assert record.flags == ("masked", "saturated", "misfit")
+    unseen = _record(Exposure("frame", 0.0, frame), fit, (), unseen=True)
+    assert unseen.flags == ("masked", "saturated", "aberrations_held", "misfit")
+
+
+@pytest.mark.parametrize(("known", "held"), [((), True), (("noll4",), False)])
+def test_what_a_symmetric_pupil_does_not_show_is_held_by_a_sequence_and_said(known, held, telescope):
+    pupil = obstructed_circle(0.125, 0.04, noll=(4, 7), samples=64)  # its own mirror image
+    fitter = FrameFitter(replace(telescope, pupil_from=lambda: pupil).system(), known=known)
+    assert "noll4" not in fitter.shared
+    assert fitter.holds_unseen == held
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from jitterkit.estimators import estimate_score
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
+from jitterkit.locate import locate_star
 from jitterkit.loci import Mvn
 from jitterkit.optics import obstructed_circle
 from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_frame
@@ -100,6 +101,33 @@ def test_moments_are_right_whether_a_focus_is_seen_or_not(focus, held, symmetric
     result = freed(plain, pixels, symmetric)
     assert result.status is Status.OK
     assert np.all(np.abs(off(result)) < 0.15)
+
+
+def test_errors_of_a_blur_that_is_possible_are_not_replaced_by_smaller_ones(symmetric):
+    pixels = image(0.0)
+    plain = fitted(pixels, symmetric, state=np.zeros(3))
+    assert freed(plain, pixels, symmetric) is not plain
+    careful = replace(plain, covariance=100 * plain.covariance)
+    assert freed(careful, pixels, symmetric) is careful
+
+
+@pytest.mark.parametrize("focus", [0.0, 15.0, 40.0])
+def test_a_search_finds_a_focus_that_a_flat_wavefront_does_not_show(focus, symmetric):
+    pixels = image(focus)
+    start = locate_star(Data(pixels, 9.0), symmetric)
+    assert start is not None
+    result = freed(fit_frame(Data(pixels, 9.0), symmetric, start.parameters), pixels, symmetric)
+    assert result.status is Status.OK
+    assert "aberrations_held" not in result.flags
+    assert np.all(np.abs(off(result)) < 0.15)
+    # the sign cannot be known, and what is smaller than 4 nm shows as none
+    assert abs(abs(float(result.parameters.aberrations[0])) - focus) < 4.0
+
+
+def test_a_search_leaves_what_it_is_to_hold_as_it_is(symmetric):
+    start = locate_star(Data(image(15.0), 9.0), symmetric, ("noll4", "noll5", "noll6"))
+    assert start is not None
+    assert not np.any(np.asarray(start.parameters.aberrations))
 
 
 def test_what_is_known_or_held_or_seen_by_itself_stays(symmetric, optics):
