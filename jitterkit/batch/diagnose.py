@@ -20,7 +20,7 @@ from jitterkit.kernel_estimate import is_detected
 from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
 from jitterkit.metric import LARGE_FACTOR, error_factor
-from jitterkit.optics import OTF, AnchoredOptics, Optics
+from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.evidence import minor_variance
@@ -133,7 +133,12 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
         if factor > LARGE_FACTOR:
             times = f"{factor:.3g} times as large as with a known plate scale"
             result = result.remarked(f"The error of the separation is {times}.", "scale_degenerate")
-    result = _flag_unknown_signs(result, found.optics)
+    system = found.optics.system if isinstance(found.optics, AnchoredOptics) else found.optics
+    unsigned = [name for name in system.nominal.blind() if name in result.names]
+    if result.status.usable and unsigned:
+        remark = f"The pupil is its own mirror image: {', '.join(unsigned)} may as well have the other sign"
+        together = ", all of them together." if len(unsigned) > 1 else "."
+        result = result.remarked(f"{remark}{together}", "sign_unknown")
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
     minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
@@ -234,17 +239,6 @@ def _flag_further_stars(result: FitResult, otf: OTF) -> FitResult:
         cause = "an error of the optics, or of pixels that do not respond in proportion to the light"
         remark = f"{remark} So near to a star it may be {cause}; then the jitter is wrong too."
     return result.remarked(remark, "further_stars")
-
-
-def _flag_unknown_signs(result: FitResult, optics: Optics) -> FitResult:
-    """Add a remark to a result with aberrations whose signs no image behind its pupil shows."""
-    system = optics.system if isinstance(optics, AnchoredOptics) else optics
-    names = [name for name in system.nominal.blind() if name in result.names]
-    if not (result.status.usable and names):
-        return result
-    remark = f"The pupil is its own mirror image: {', '.join(names)} may as well have the other sign"
-    together = ", all of them together." if len(names) > 1 else "."
-    return result.remarked(f"{remark}{together}", "sign_unknown")
 
 
 def _jitter_hint(result: FitResult) -> str:

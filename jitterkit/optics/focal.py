@@ -41,10 +41,12 @@ def focal_field(
     """
     along_y = _fold(pupil, -2)
     blocks = [[_fold(half, -1)[b] for b in (0, 1)] for half in along_y]
-    left, right = (
-        [part.astype(pupil.dtype) for part in _trig(n, m, phase_step)]
+    # cosine and sine matrices ((m+1)//2, (n+1)//2) over the first halves of both axes
+    phases = [
+        phase_step * np.outer(offsets(m, 1.0)[: (m + 1) // 2], offsets(n, 1.0)[: (n + 1) // 2])
         for n, m in zip(pupil.shape[-2:], shape, strict=True)
-    )
+    ]
+    left, right = ([of(phase).astype(pupil.dtype) for of in (jnp.cos, jnp.sin)] for phase in phases)
     # exp(-i a) exp(-i b) = (ca - i sa)(cb - i sb): the odd parts carry a factor -i each.
     even_even, even_odd, odd_even, odd_odd = (
         jnp.einsum("mj,cajk,nk->camn", left[a], blocks[a][b], right[b]) for a in (0, 1) for b in (0, 1)
@@ -80,9 +82,3 @@ def _unfold(even, odd, axis, n):
         keep[axis] = slice(1, None)
         second = second[tuple(keep)]
     return jnp.concatenate([first, second], axis)
-
-
-def _trig(n, m, phase_step):
-    """Cosine and sine matrices ((m+1)//2, (n+1)//2) over the first halves of both axes."""
-    phase = phase_step * np.outer(offsets(m, 1.0)[: (m + 1) // 2], offsets(n, 1.0)[: (n + 1) // 2])
-    return jnp.cos(phase), jnp.sin(phase)

@@ -30,7 +30,7 @@ import scipy.stats
 
 from jitterkit.errors import ErrorCode
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, Shape, is_decisive
+from jitterkit.estimators.shape import CumulantStep, is_decisive
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -146,7 +146,8 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
     # which shape a wide blur has is only asked where the frame would show that of an ellipse
     visible = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
-    widened = visible and _moves_moments(normal, shape)
+    change = _KURTOSES * np.nan_to_num([shape.response.get(name, 0.0) for name in Shaped.names[:3]])
+    widened = visible and significance(change, normal.moments()[1]) > 1.0
     if frame.options.priors.on_coordinates():
         return _finalize(Tried(normal))
     if not (seen or moved or widened or _wants_more(normal, step)):
@@ -204,12 +205,6 @@ def _may_be_straight(normal: FitResult) -> bool:
     moments, covariance = normal.moments()
     minor, error = minor_variance(moments, covariance)
     return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
-
-
-def _moves_moments(normal: FitResult, shape: Shape) -> bool:
-    """Return True if the kurtosis of a straight motion would change the moments by their error or more."""
-    change = _KURTOSES * np.nan_to_num([shape.response.get(name, 0.0) for name in Shaped.names[:3]])
-    return significance(change, normal.moments()[1]) > 1.0
 
 
 def _fit_tiers(
@@ -278,20 +273,15 @@ def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
         tried = Tried(next(iter(fits.values())))
     candidates = weigh(list(tried.fits.values()), list(tried.evidence.values()))
     best = tried.best
+    straight_err, (drift, vibration) = math.nan, STRAIGHT.values()
+    one, other = (fits[name].residual if name in fits else None for name in STRAIGHT)
+    if one is not None and other is not None:  # images so far apart, in sigmas
+        straight_err = (drift - vibration) / math.sqrt(max(float(np.nansum((one - other) ** 2)), 1e-300))
     return replace(
         best,
-        straight_err=_straight_err(tried.fits),
+        straight_err=straight_err,
         message=" ".join(filter(None, [best.message, describe_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
         seconds=sum(fit.seconds for fit in tried.fits.values()),
     )
-
-
-def _straight_err(fits: dict[str, FitResult]) -> float:
-    """Return the error of a straight blur's kurtosis, by how far both fits' images are apart."""
-    one, other = (fits[name].residual if name in fits else None for name in STRAIGHT)
-    if one is None or other is None:
-        return math.nan
-    drift, vibration = STRAIGHT.values()
-    return (drift - vibration) / math.sqrt(max(float(np.nansum((one - other) ** 2)), 1e-300))

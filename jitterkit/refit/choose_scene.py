@@ -112,7 +112,9 @@ def choose_scene(
     several = frame.stars() if bright is not None and len(bright.x) > 2 else None
     if several is not None and frame.beyond_doubt(several):
         return SceneChoice(several, math.inf)
-    contrast = frame.contrast_of_peaks()
+    peaks = find_pairs(data, optics.nominal, most=1)
+    apart = bool(peaks) and float(peaks[0].scene.separation) > _APART * frame.fineness
+    contrast = float(peaks[0].scene.contrast) if apart else math.inf
     star = frame.star() if contrast > _LIKE_RINGS else None
     if star is not None and frame.is_one(star):
         return SceneChoice(star, -math.inf)
@@ -155,13 +157,6 @@ class _Frame(Weighing):
         An error of the optics looks like a faint companion.
         """
         return settled(start, self.data, self.optics, self.options.hold) if self.rough else start
-
-    def contrast_of_peaks(self) -> float:
-        """Contrast of the two brightest peaks, without a fit; infinite if they do not stand apart."""
-        found = find_pairs(self.data, self.optics.nominal, most=1)
-        if not found or not float(found[0].scene.separation) > _APART * self.fineness:
-            return math.inf
-        return float(found[0].scene.contrast)
 
     def stars(self) -> Start | None:
         """Three stars or more, if they stay so many when everything is fitted."""

@@ -383,7 +383,7 @@ def test_a_record_keeps_the_remarks_of_calibration_and_fit_but_for_what_all_shar
     fit = FitResult(Status.OK, "", flags=("aberrations_held", "saturated", "misfit"))
     record = record_of(Exposure("frame", 0.0, frame), fit, ())
     assert record.flags == ("masked", "saturated", "misfit")
-    unseen = _record(Exposure("frame", 0.0, frame), fit, (), unseen=True)
+    unseen = record_of(Exposure("frame", 0.0, frame), fit, (), unseen=True)
     assert unseen.flags == ("masked", "saturated", "aberrations_held", "misfit")
 
 
