@@ -38,12 +38,6 @@ _STALLED_RATIO, _STALLED_ROUNDS = 0.9, 2
 """A maximisation has stalled if it does not reduce the deviance below that share.  After so many in a row a
 fit is abandoned that would still be poor if all that are left did as well as the best of these."""
 
-_FIRST_ORDER = 1.0
-"""Rms phase [rad] from which a first-order expansion is wrong by more than half of what it adds.  A poor fit
-whose maximum is so far from its expansion, and not nearer than the one before by the stalled ratio, is given
-up: of two dozen fits that began 0.8 to 2.2 rad off, all that settled came nearer by a fifth or more; those of
-a galaxy, the Moon and fringes by TOLIMAN and a small telescope moved by 2 to 90 rad."""
-
 
 class Stall:
     """Whether rounds that each lower the deviance per pixel may still end at a frame's noise.
@@ -75,14 +69,11 @@ class Expanded(NamedTuple):
         The optics of the last maximisation.
     iterations : int
         Of all maximisations.
-    lost : bool
-        Whether a poor fit was given up with a wavefront beyond what its optics describe.
     """
 
     end: ScoringResult
     otf: OTF
     iterations: int
-    lost: bool = False
 
 
 def relinearised_scoring(
@@ -125,7 +116,7 @@ def relinearised_scoring(
     expanded : Expanded
     """
     iterations, before, way, slopes_at = 0, np.inf, None, np.asarray(otf.state)
-    stall, phase = Stall(), np.inf
+    stall = Stall()
     for left in reversed(range(max_expansions)):
         end = fisher_scoring(
             start,
@@ -145,8 +136,7 @@ def relinearised_scoring(
         if error < max_error:
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
-        least, phase = max(_STALLED_RATIO * phase, _FIRST_ORDER), phase_from(otf, optics, start)
-        if (phase > least and level > POOR) or stall.is_hopeless(level, left) or not left:
+        if stall.is_hopeless(level, left) or not left:
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
         there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)
@@ -155,8 +145,7 @@ def relinearised_scoring(
             otf = optics.near(there, otf)
         else:
             otf, slopes_at = optics.otf(there), there
-    lost = phase > _FIRST_ORDER and level > POOR
-    return Expanded(end._replace(converged=jnp.asarray(False)), otf, iterations, lost)
+    return Expanded(end._replace(converged=jnp.asarray(False)), otf, iterations)
 
 
 def _extrapolated(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -177,15 +166,11 @@ def linearisation_error(optics: Optics, parameters: Parameters, otf: OTF) -> flo
     first order, more in its dark parts; its N photons show a share of ``1/sqrt(N)``.  The factor three
     was measured, on defocus and astigmatism of a plain telescope, where it is worst.
     """
-    return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase_from(otf, optics, parameters) ** 2
-
-
-def phase_from(otf: OTF, optics: Optics, parameters: Parameters) -> float:
-    """Return the rms phase [rad] between the state that optics are expanded about and a fitted wavefront."""
     if not otf.names:
         return 0.0
     state = np.asarray(otf.state)[: len(parameters.aberrations)]
-    return optics.phase(np.asarray(parameters.aberrations) - state)
+    phase = optics.phase(np.asarray(parameters.aberrations) - state)
+    return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2
 
 
 _STALE = 0.03

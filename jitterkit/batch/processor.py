@@ -217,9 +217,8 @@ class FrameProcessor:
 
         def search(frame: Frame) -> SceneChoice | FitResult:
             data, warm = Data.of(frame, censored=self.censored), self.known.get(self.grid(frame))
-            return steps.search(frame, self.optics(frame), self.scene, data, self.options, warm, rough=True)[
-                0
-            ]
+            where = self.optics(frame), self.scene, data, self.options, warm
+            return steps.search(frame, *where, rough=True)[0]
 
         try:
             found = search(frame)

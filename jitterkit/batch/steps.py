@@ -17,6 +17,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.batch.diagnose import diagnose, unusable
@@ -29,7 +31,7 @@ from jitterkit.frames.sections import without_border
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
-from jitterkit.optics import Optics
+from jitterkit.optics import AnchoredOptics, Optics
 from jitterkit.refit import (
     SCENES,
     FitOptions,
@@ -211,6 +213,8 @@ def fit(
     options = options or FitOptions()
     priors = options.priors if priors is None else options.priors.joined(priors)
     options = replace(options, priors=priors)
+    if priors.terms:
+        start = _with_likelier_signs(start, priors)
     where = (start.data, start.optics, start.parameters, start.estimate.moments, start.otf, options)
     informed, sure = priors.terms or priors.if_free or priors.moments is not None, start.searched is None
     if locus != AUTO:
@@ -222,6 +226,23 @@ def fit(
     if result.image is not None and (chosen := CHOICES.get(result.locus)) and chosen.tier < _FREE:
         result = with_free_squares(result, start.data.clear(result.image), start.optics, options)
     return replace(result, estimate=start.estimate)
+
+
+def _with_likelier_signs(start: SceneEstimate, priors: Priors) -> SceneEstimate:
+    """Return a start with the signs of a prior, where no image shows those of some aberrations."""
+    system = start.optics.system if isinstance(start.optics, AnchoredOptics) else start.optics
+    names, unseen = system.nominal.names, system.nominal.blind()
+    value = np.asarray(start.parameters.aberrations)
+    other = np.where([name in unseen for name in names], -value, value)
+    known = [(i, *priors.terms[name]) for i, name in enumerate(names) if name in priors.terms]
+    cost, turned = (
+        sum(((state[i] - mean) / sigma) ** 2 for i, mean, sigma in known) for state in (value, other)
+    )
+    if not turned < cost:
+        return start
+    parameters = eqx.tree_at(lambda p: p.aberrations, start.parameters, jnp.asarray(other))
+    searched = None if start.searched is None else start.optics.otf(other)
+    return replace(start, parameters=parameters, searched=searched)
 
 
 def _lacks_a_star(start: Start) -> bool:

@@ -132,7 +132,7 @@ def from_searched_frames(
 
     Parameters
     ----------
-    looks : sequence of (Frame, SceneChoice)
+    searched : sequence of (Frame, SceneChoice)
     warm_start : callable
         From one of these to its warm start.
     scene_only : bool

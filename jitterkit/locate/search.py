@@ -21,34 +21,31 @@ from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished, with_best_signs, with_exact_slopes
 from jitterkit.loci.base import Locus
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import Optics
+from jitterkit.optics.system import OpticalSystem, Optics
 from jitterkit.scene import Binary, FurtherStars, Scene, Stars
 
 _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring a candidate to the stars
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
-_OFF_ZERO = 0.1  # rad rms of a mode to begin with that shows by its square only; it hardly blurs a template
+_OFF_ZERO = 0.1  # rad rms at which a mode starts that shows by its square only; it hardly blurs a template
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
 
 def _starting_optics(optics: Optics, hold: Collection[str]) -> OTF:
-    """Return the nominal transfer function, or one nearby where no mode to be fitted is without effect.
+    """Return the nominal transfer function, or one beside it where modes to be fitted hardly have an effect.
 
     A pupil that is its own mirror image has no derivative by focus and astigmatism at zero, where a fit would
     stay whatever they are: 15 nm of focus were taken for jitter, and moments were wrong by seven errors.
     """
     nominal = optics.nominal
-    unseen = [
-        nominal.names.index(name) for name in nominal.blind() if name in nominal.modes and name not in hold
-    ]
+    if not isinstance(optics, OpticalSystem):
+        return nominal  # about a wavefront that is known
+    unseen = [i for i in optics.unseen_modes if nominal.names[i] not in hold]
     if not unseen:
         return nominal
     state = np.array(nominal.state)
-    for i in unseen:
-        unit = np.zeros(len(state))
-        unit[i] = 1.0
-        state[i] = _OFF_ZERO / optics.phase(unit)
+    state[unseen] = _OFF_ZERO / optics.mode_phases[unseen]
     return optics.otf(state)
 
 
@@ -78,7 +75,7 @@ def locate_star(
         if best is not None and not candidate.deviance_dof < _IMPROVEMENT * best.deviance_dof:
             break
         best = candidate
-        if best.lost or best.describes(data):  # no template of a lost wavefront finds a star
+        if best.describes(data):
             break
         otf, jitter = best.otf, best.parameters.locus
     if best is None:
@@ -118,11 +115,11 @@ def locate_binary(
             tried.append(pair.scene)
             where = data, optics, otf, pair.scene, jitter, hold
             candidate = polished(*where, rough=rough, slopes=False)
-            if best is None or (candidate.lost, candidate.deviance_dof) < (best.lost, best.deviance_dof):
+            if best is None or candidate.deviance_dof < best.deviance_dof:
                 best = _renewed(candidate, data, optics, hold) if rough else candidate
             if best.deviance_dof < _GOOD_ENOUGH and best.describes(data):
                 return _finished(best, data, optics, hold, rough)
-        if best is None or best.lost or best.deviance_dof > _IMPROVEMENT * before:
+        if best is None or best.deviance_dof > _IMPROVEMENT * before:
             break
         otf, jitter = best.otf, best.parameters.locus
     return None if best is None else _finished(best, data, optics, hold, rough)
@@ -163,7 +160,7 @@ def _renewed(found: Start, data: Data, optics: Optics, hold: Collection[str]) ->
 
     A wavefront of 0.3 rad is not found with the derivatives of a flat one.
     """
-    if found.lost or found.deviance_dof > _FAR_OFF or found.describes(data):
+    if found.deviance_dof > _FAR_OFF or found.describes(data):
         return found
     otf, p = with_exact_slopes(found, optics).otf, found.parameters
     return polished(data, optics, otf, p.scene, p.locus, hold, rough=True, slopes=False)
@@ -229,8 +226,6 @@ def with_further_stars(
         return polished(data, optics, near.otf, scene.canonical(), near.parameters.locus, hold)
 
     found, is_field = start, isinstance(start.parameters.scene, Stars)
-    if start.lost and not is_field:  # a pair that holds most of the light would have held its wavefront
-        return start
     stall = Stall(start.deviance_dof)
     for rounds_left in reversed(range(_FURTHER_ROUNDS)):
         scene = found.parameters.scene

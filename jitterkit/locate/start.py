@@ -47,8 +47,6 @@ class Start:
     information : (p, p) array
     names : tuple of str
         Of what was fitted.
-    lost : bool
-        Whether its wavefront ran away (:class:`~jitterkit.linearisation.Expanded`).
     """
 
     parameters: Parameters
@@ -56,7 +54,6 @@ class Start:
     deviance_dof: float
     information: np.ndarray
     names: tuple[str, ...]
-    lost: bool = False
 
     @property
     def covariance(self) -> np.ndarray:
@@ -99,7 +96,7 @@ def with_best_signs(
     """
     value = start.parameters.aberrations
     known = [name for name in start.otf.modes if name in start.names]
-    if start.lost or not known:
+    if not known:
         return start
     sizes = np.sqrt(np.diag(start.covariance_of(known)))
     flat = optics.system.nominal if isinstance(optics, AnchoredOptics) else optics.nominal
@@ -158,9 +155,9 @@ def polished(
 
 
 def settled(start: Start, data: Data, optics: Optics, hold: Collection[str]) -> Start:
-    """Fit a start of a rough search until its optics are exact, unless it is lost."""
+    """Fit a start of a rough search until its optics are exact."""
     p = start.parameters
-    return start if start.lost else polished(data, optics, start.otf, p.scene, p.locus, hold)
+    return polished(data, optics, start.otf, p.scene, p.locus, hold)
 
 
 def with_exact_slopes(start: Start, optics: Optics) -> Start:
@@ -186,7 +183,7 @@ def _fitted_briefly(
         jnp.zeros(len(free)), jnp.diag(jnp.array([_ABERRATION_PRIOR**-2 * (n in otf.names) for n in names]))
     )
     used = max(int(np.sum(np.asarray(data.used))), 1)
-    end, otf, _, lost = relinearised_scoring(
+    end, otf, _ = relinearised_scoring(
         here,
         otf,
         optics,
@@ -199,4 +196,4 @@ def _fitted_briefly(
         tolerance=_NEARBY if rough else _CLOSE,
         keep_slopes=rough,
     )
-    return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names, lost)
+    return Start(end.parameters, otf, float(end.objective) / used, np.asarray(end.information), names)

@@ -28,7 +28,6 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from jitterkit.errors import ErrorCode
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
 from jitterkit.estimators.shape import CumulantStep, is_decisive
 from jitterkit.forward import Parameters, parameter_names, to_vector
@@ -128,8 +127,7 @@ def _fit_still(
 
 def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
     normal, otf, frame = frame.fit("mvn", start, moments, otf)
-    lost = normal.code is ErrorCode.IMPLAUSIBLE  # no locus brings its wavefront back
-    if normal.parameters is None or lost or not np.all(np.isfinite(normal.covariance)):
+    if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
     frame = replace(frame, data=frame.data.clear(normal.image))  # one set of pixels for all loci
     if single_star(normal):

@@ -10,7 +10,7 @@
    stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
    and they are weighed by their evidence.  Two stars closer than the resolution and a straight blur are
-   nearly the same image.  Nothing is weighed if the wavefront of every candidate ran away.
+   nearly the same image.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def choose_scene(
     if frame.is_one(star):
         return SceneChoice(star, -math.inf)
     pairs = list(frame.pairs_instead(star, pair))
-    if all(pair.lost for pair in pairs) and (star.lost or not pairs):
+    if not pairs:
         return SceneChoice(star, -math.inf)
     choice = frame.weighed(star, pairs)
     return replace(choice, start=frame.pair_or_field(choice.start))
@@ -227,11 +227,11 @@ class _Frame(Weighing):
     def pairs_instead(self, star: Start, pair: Start | None) -> Iterator[Start]:
         """Pairs that a frame may show in place of a star; ``pair`` has been searched for."""
         hold, parameters = self.options.hold, star.parameters
-        other = None if star.lost else self.beside(star)
+        other = self.beside(star)
         if other is not None:
             scene = _with_companion(parameters.scene, other)
             yield polished(self.data, self.optics, star.otf, scene, parameters.locus, hold, rough=self.rough)
-        if _looks_long(star) and not star.lost:
+        if _looks_long(star):
             yield replace(star, parameters=_split(parameters, np.asarray(parameters.locus.moments())))
         if pair is None and not star.describes(self.data):
             pair = self.pair()

@@ -15,10 +15,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters, expected_image, free_parameters, parameter_names, to_vector
 from jitterkit.likelihood import MISFIT, POOR, Data, normal_equations, pearson
-from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, phase_from, relinearised_scoring
+from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Mvn, Streak
 from jitterkit.metric import invert_information
@@ -50,7 +49,6 @@ _CONTRADICTION = (
     "The frame contradicts its prior: look where the prior comes from, or fit without; values and errors "
     "assume that both are right."
 )
-_LOST = "Its best wavefront error is {:.2g} rad rms or more: it shows no stars, or another telescope's."
 _ALLOWANCES = 3
 """Times that a fit is repeated with the model error that the one before shows: it biases the first fit."""
 _IMPOSSIBLE = 2.0
@@ -210,29 +208,26 @@ def _fit_and_expand(
         )
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
-    end, otf, iterations, lost = fit_from(clear, start, otf)
+    end, otf, iterations = fit_from(clear, start, otf)
     hopeless = not end.converged and float(end.objective) > POOR * int(np.sum(np.asarray(clear.used)))
     for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
         changed = data.clear(expected_image(end.parameters, otf))
         if np.array_equal(changed.used, clear.used):
             break
         clear = changed
-        end, otf, more, lost = fit_from(clear, end.parameters, otf)
+        end, otf, more = fit_from(clear, end.parameters, otf)
         iterations += more
     scene = end.parameters.scene.canonical() if set(names) & _NAMES_STAR_A else end.parameters.scene
     if not eqx.tree_equal(scene, end.parameters.scene):
         # the covariance must be that of the canonical parameters
         canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
-        end, otf, more, lost = fit_from(clear, canonical, otf)
+        end, otf, more = fit_from(clear, canonical, otf)
         iterations += more
     system = optics.system if isinstance(optics, AnchoredOptics) else optics
     unseen = () if bool(end.converged) else system.nominal.blind()
     result = _finalize(clear, otf, end, names, iterations, time.perf_counter() - began, unseen)
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
-    if lost and result.status is Status.POOR_FIT:
-        message = f"{result.message} {_LOST.format(phase_from(optics.nominal, optics, end.parameters))}"
-        result = replace(result, message=message, code=ErrorCode.IMPLAUSIBLE)
     return _flag_prior_conflict(result, options.priors, free, end), otf
 
 

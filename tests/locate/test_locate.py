@@ -6,14 +6,12 @@ import pytest
 
 from jitterkit.conventions import offsets
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import Residual, find_pairs, locate_binary, locate_star, resolution
 from jitterkit.loci import Linear, Mvn, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.scene import Binary, Star
-from jitterkit.scoring import fisher_scoring
 
 _image = eqx.filter_jit(expected_image)
 
@@ -135,21 +133,6 @@ def test_one_star_is_found_through_jitter_and_aberrations(position, optics, rng)
 
 def test_an_empty_frame_has_not_one_star(optics, rng):
     assert locate_star(Data(rng.normal(0, 5, (128, 128)), 25.0), optics) is None
-
-
-def test_no_pair_is_searched_for_any_further_where_each_drives_the_wavefront_away(rng, monkeypatch):
-    # the Moon: each candidate moves the wavefront by ten radians, and no template of that finds a star
-    optics, maxima = load_instrument("smallsat").system(), []
-
-    def noted(*where, **options):
-        maxima.append(fisher_scoring(*where, **options))
-        return maxima[-1]
-
-    monkeypatch.setattr("jitterkit.linearisation.fisher_scoring", noted)
-    y, x = np.indices(optics.grid.shape) - 64.0
-    moon = rng.poisson(1000.0 * (np.hypot(x, y) < 30) + 5.0) + rng.normal(0, 3.0, optics.grid.shape)
-    assert locate_binary(Data(moon, 9.0), optics, rough=True).lost
-    assert len(maxima) <= 3 * 3  # three candidates, without signs and further stars
 
 
 def test_a_star_in_the_residual_explains_the_chi_squared_of_its_light(plain_otf):

@@ -1,13 +1,11 @@
 """The refit: unbiased, honest about its errors, and not to be fooled by its own start."""
 
-import equinox as eqx
 import numpy as np
 import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import GRADIENT, Parameters, expected_image
-from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.linearisation import linearisation_error
 from jitterkit.loci import Linear, Mvn, Shm, Stable
@@ -15,7 +13,7 @@ from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
 from jitterkit.refit.fit import convergence_error
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Binary
 from jitterkit.scoring import fisher_scoring
 
 SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
@@ -227,36 +225,6 @@ def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, deviances):
         assert result.status is Status.POOR_FIT
     assert min(deviances) > 30
     assert len(deviances) <= 3 * 6
-
-
-def disc(optics, radius=7.0, light=3e3):
-    """Data of an extended source: electrons over a disc [pixels]."""
-    y, x = np.indices(optics.grid.shape)
-    shape = np.hypot(y - 24, x - 20) < radius
-    return Data(np.random.default_rng(4).poisson(light * shape + 5.0).astype(float), 4.0)
-
-
-def test_a_fit_whose_wavefront_runs_away_is_given_up_and_says_so(deviances):
-    optics = load_instrument("smallsat").system(shape=(48, 48))
-    start = Parameters(Star(0.0, 0.0, 4e5), Mvn.of(0.4), np.zeros(len(optics.pupil.names)))
-    result = fit_frame(disc(optics), optics, start)
-    assert result.status is Status.POOR_FIT
-    assert result.code is ErrorCode.IMPLAUSIBLE
-    assert "wavefront error" in result.message
-    assert len(deviances) <= 3
-
-
-def test_a_wavefront_of_many_tenths_of_a_radian_is_not_given_up(deviances):
-    """The first maxima are 2.3 and 1.2 rad from their expansions, in a poor fit, but come nearer."""
-    optics = load_instrument("smallsat").system()
-    state = np.random.default_rng(2).normal(size=len(optics.pupil.names))
-    state *= 1.8 / optics.phase(state)
-    truth = Parameters(Star(0.3, -0.2, 2e6), Mvn.of(0.1), state)
-    image = np.asarray(expected_image(truth, optics.otf(state, derivatives=False)))
-    data = Data(np.random.default_rng(6).poisson(np.maximum(image, 0)).astype(float), 4.0)
-    result = fit_frame(data, optics, eqx.tree_at(lambda p: p.aberrations, truth, np.zeros(len(state))))
-    assert result.code is not ErrorCode.IMPLAUSIBLE
-    assert deviances[-1] < 0.1 * deviances[0]
 
 
 def test_a_bright_frame_far_off_is_not_given_up(bench, optics, deviances):

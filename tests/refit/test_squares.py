@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from own_images import drift, pupil_places, star_image
 
+from jitterkit.batch import steps
 from jitterkit.estimators import estimate_score
 from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import KernelEstimate
@@ -111,9 +112,15 @@ def test_errors_of_a_blur_that_is_possible_are_not_replaced_by_smaller_ones(symm
     assert freed(careful, pixels, symmetric) is careful
 
 
-@pytest.mark.parametrize("focus", [0.0, 15.0, 40.0])
-def test_a_search_finds_a_focus_that_a_flat_wavefront_does_not_show(focus, symmetric):
-    pixels = image(focus)
+@pytest.mark.parametrize(
+    ("focus", "uneven"), [(0.0, 0.0), (15.0, 0.0), (40.0, 0.0), (0.0, 1e-3), (40.0, 1e-3)]
+)
+def test_a_search_finds_a_focus_that_a_flat_wavefront_does_not_show(focus, uneven, symmetric):
+    """Also where one sample of the pupil makes it not quite its own mirror image."""
+    pixels, pupil = image(focus), symmetric.pupil
+    light = np.array(pupil.transmission)
+    light[20, 40] *= 1 - uneven
+    symmetric = replace(symmetric, pupil=replace(pupil, transmission=light))
     start = locate_star(Data(pixels, 9.0), symmetric)
     assert start is not None
     result = freed(fit_frame(Data(pixels, 9.0), symmetric, start.parameters), pixels, symmetric)
@@ -122,6 +129,18 @@ def test_a_search_finds_a_focus_that_a_flat_wavefront_does_not_show(focus, symme
     assert np.all(np.abs(off(result)) < 0.15)
     # the sign cannot be known, and what is smaller than 4 nm shows as none
     assert abs(abs(float(result.parameters.aberrations[0])) - focus) < 4.0
+
+
+@pytest.mark.parametrize("focus", [-30.0, 30.0])
+def test_a_prior_tells_the_sign_that_no_image_shows(focus, symmetric):
+    data = Data(image(30.0), 9.0)
+    found = locate_star(data, symmetric)
+    kernel = KernelEstimate(np.asarray(found.parameters.locus.moments()), found.covariance, "score")
+    start = steps.SceneEstimate(data, found.parameters, kernel, symmetric, found.otf)
+    result = steps.fit(start, Priors({"noll4": (focus, 5.0)}), locus="mvn")
+    assert result.status is Status.OK
+    assert float(result.parameters.aberrations[0]) == pytest.approx(focus, abs=2.0)
+    assert "prior_contradicted" not in result.flags
 
 
 def test_a_search_leaves_what_it_is_to_hold_as_it_is(symmetric):
