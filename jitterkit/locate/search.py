@@ -28,6 +28,10 @@ _ROUNDS = 4
 _GOOD_ENOUGH = 1.15  # deviance per pixel that no wrong companion reaches in a bright frame
 _FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring a candidate to the stars
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
+_UNSEEN = 0.01
+"""Effect of a mode about no aberrations (:attr:`~jitterkit.optics.OpticalSystem.mode_effects`) below which a
+fit does not find it that starts at zero: of a ring with one sample of 64² changed by 0.001 to 1, all of 12
+fits that started beside zero were right."""
 _OFF_ZERO = 0.1  # rad rms at which a mode starts that shows by its square only; it hardly blurs a template
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
@@ -41,7 +45,7 @@ def _starting_optics(optics: Optics, hold: Collection[str]) -> OTF:
     nominal = optics.nominal
     if not isinstance(optics, OpticalSystem):
         return nominal  # about a wavefront that is known
-    unseen = [i for i in optics.unseen_modes if nominal.names[i] not in hold]
+    unseen = [i for i in np.flatnonzero(optics.mode_effects < _UNSEEN) if nominal.names[i] not in hold]
     if not unseen:
         return nominal
     state = np.array(nominal.state)

@@ -22,10 +22,6 @@ _EVEN = 0.1
 which its square may be all that shows: 0.01 to 0.03 of focus and astigmatism behind symmetric pupils with a
 spider, 0.3 and more of other modes and behind other pupils."""
 
-_UNSEEN = 0.01
-"""The same below which a fit does not find a mode that it starts at zero: of a ring with one sample of 64²
-changed by 0.001 to 1, all of 12 fits that started beside zero were right."""
-
 
 class Optics(Protocol):
     """Define what a fit needs of a telescope's optics on one grid."""
@@ -94,15 +90,10 @@ class OpticalSystem:
     @cached_property
     def even_modes(self) -> list[int]:
         """Places of the modes that hardly change the image about no aberrations, unless by their squares."""
-        return np.flatnonzero(self._effects < _EVEN).tolist()
+        return np.flatnonzero(self.mode_effects < _EVEN).tolist()
 
     @cached_property
-    def unseen_modes(self) -> list[int]:
-        """Places of those that change it so little that a fit needs a start beside zero."""
-        return np.flatnonzero(self._effects < _UNSEEN).tolist()
-
-    @cached_property
-    def _effects(self) -> np.ndarray:
+    def mode_effects(self) -> np.ndarray:
         """Return the share (k,) of the transfer function by which a radian rms of each mode changes it."""
         size = self.mode_phases
         slopes = np.asarray(self.nominal.slopes[: len(size)])
