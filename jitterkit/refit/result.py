@@ -57,7 +57,7 @@ _TOLD, _POSSIBLE = 0.075, 0.05
 """Error of a kurtosis from which a frame may take one for the other, a quarter of their difference: two in a
 hundred do, and move the mean of all moments by a tenth of an error.  Weight of both together from which a
 blur may be straight: which of them has more does not matter, because frames that are sure by chance belong
-to the mean too."""
+to the mean too.  Other loci count from that weight on too, most of whose difference is their kurtosis."""
 
 
 @dataclass(frozen=True)
@@ -284,5 +284,6 @@ class FitResult:
             moments = moments + (shown - own) * slope
             covariance = covariance + error**2 * np.outer(slope, slope)
             likely = {name: c for name, c in likely.items() if name not in (*STRAIGHT, "mvn")}
+            likely = likely if sum(c.weight for c in likely.values()) > _POSSIBLE else {}
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))
         return moments, covariance + np.einsum("c,ci,cj->ij", [c.weight for c in likely.values()], off, off)
