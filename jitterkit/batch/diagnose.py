@@ -23,7 +23,7 @@ from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
-from jitterkit.refit.evidence import minor_variance
+from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars

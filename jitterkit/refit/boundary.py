@@ -1,13 +1,35 @@
-"""Loci whose likelihood has no regular maximum: no slope, or a kink at zero length."""
+"""Maxima of the likelihood that are not regular: no slope, a kink at zero length, an impossible blur."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.loci import Locus, PartialShm, Path, Product, Shaped, Streak
+from jitterkit.forward import parameter_names, to_vector
+from jitterkit.likelihood import normal_equations
+from jitterkit.loci import (
+    Locus,
+    Mvn,
+    PartialShm,
+    Path,
+    Product,
+    Shaped,
+    Streak,
+    axis_variances,
+    covariance_on_axis,
+)
+from jitterkit.metric import invert_information
+from jitterkit.optics.otf import OTF
+from jitterkit.scoring import ScoringResult
 
 _SIGMAS = 3.0
 """Standard errors from zero below which a streak's length cannot be distinguished from zero."""
+
+_IMPOSSIBLE = 2.0
+"""Standard errors by which a variance of the pointing is below zero where its own error may be too small."""
 
 
 def at_zero_length(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> set[str]:
@@ -56,3 +78,46 @@ def regularizing_priors(locus: Locus) -> dict[str, tuple[float, float]]:
     if isinstance(locus, PartialShm):
         return dict(zip(locus.names[2:], ((1.0, 2.0), (0.0, 0.6)), strict=True))
     return {locus.names[3]: (0.0, 2.0)} if isinstance(locus, Shaped) else {}
+
+
+def minor_variance(moments, covariance) -> tuple[float, float]:
+    """Variance along the minor axis of second moments and its error, arcsec²; noise may make it negative."""
+    _, minor, angle = axis_variances(moments)
+    variance = covariance_on_axis(covariance, angle)[2, 2]  # a straight locus has none but for rounding
+    return minor, float(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def hidden_squares(
+    end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, covariance
+) -> set[str]:
+    """Return the modes of a mirror-symmetric pupil whose squares noise hides: steps to zero do not settle."""
+    modes = [(i, name) for i, name in enumerate(names) if name in unseen]
+    vector = np.asarray(to_vector(end.parameters)[0])
+    every = parameter_names(end.parameters, aberrations)
+    value = {name: vector[every.index(name)] for _, name in modes}
+    return {name for i, name in modes if abs(value[name]) < 2 * np.sqrt(covariance[i, i])}
+
+
+def with_possible_errors(end: ScoringResult, data, otf: OTF, names: tuple[str, ...]) -> ScoringResult:
+    """Return the end of a fit with the information of the nearest blur that is possible.
+
+    A variance that noise makes negative sharpens the modelled stars.  Where pixels undersample them, a faint
+    star ends so near the limit, minus the pixel's own variance, that errors of its place and blur are up to
+    seven times too small there.
+    """
+    locus = end.parameters.locus
+    if not isinstance(locus, Mvn) or not set(Mvn.names) <= set(names):
+        return end
+    covariance, sound = invert_information(end.curvature)
+    index = [names.index(name) for name in Mvn.names]
+    moments = np.asarray(locus.moments())
+    minor, error = minor_variance(moments, covariance[np.ix_(index, index)])
+    if not sound or not minor < -_IMPOSSIBLE * error:
+        return end
+    values, axes = np.linalg.eigh(moments[[0, 1, 1, 2]].reshape(2, 2))
+    possible = ((axes * np.maximum(values, 0.0)) @ axes.T)[[0, 0, 1], [0, 1, 1]]
+    near = eqx.tree_at(lambda p: p.locus, end.parameters, Mvn.near(jnp.asarray(possible)))
+    every = parameter_names(near, otf.names)
+    free = tuple(i for i, name in enumerate(every) if name in names)
+    information = normal_equations(near, otf, data, free, exact=False).information
+    return end._replace(information=information, curvature=information + end.curvature - end.information)

@@ -37,8 +37,9 @@ from jitterkit.locate import Start
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
+from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
-from jitterkit.refit.evidence import CHOICES, minor_variance
+from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import STRAIGHT, FitResult, Status

@@ -19,8 +19,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import log_ndtr
 
-from jitterkit.loci import Linear, Locus, Shm, axis_variances, covariance_on_axis
-from jitterkit.refit.boundary import at_zero_length, regularizing_priors
+from jitterkit.loci import Linear, Locus, Shm
+from jitterkit.refit.boundary import at_zero_length, minor_variance, regularizing_priors
 from jitterkit.refit.result import FitResult
 
 _LEAST = 1e-12
@@ -81,13 +81,6 @@ def log_volume(fit: FitResult) -> float:
         return -math.inf
     sign, size = np.linalg.slogdet(2 * np.pi * fit.covariance)
     return float(-fit.objective / 2 + size / 2) if sign > 0 else -math.inf
-
-
-def minor_variance(moments, covariance) -> tuple[float, float]:
-    """Variance along the minor axis of second moments and its error, arcsec²; noise may make it negative."""
-    _, minor, angle = axis_variances(moments)
-    variance = covariance_on_axis(covariance, angle)[2, 2]  # a straight locus has none but for rounding
-    return minor, float(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _total(locus: Locus) -> float:

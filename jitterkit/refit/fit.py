@@ -15,18 +15,22 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jitterkit.forward import Parameters, expected_image, free_parameters, parameter_names, to_vector
-from jitterkit.likelihood import MISFIT, POOR, Data, normal_equations, pearson
+from jitterkit.forward import Parameters, expected_image, free_parameters
+from jitterkit.likelihood import MISFIT, POOR, Data, pearson
 from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
-from jitterkit.loci import Locus, Mvn, Streak
+from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
 from jitterkit.optics import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.boundary import at_zero_length, regularizing_priors
+from jitterkit.refit.boundary import (
+    at_zero_length,
+    hidden_squares,
+    regularizing_priors,
+    with_possible_errors,
+)
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
-from jitterkit.refit.evidence import minor_variance
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
@@ -51,9 +55,6 @@ _CONTRADICTION = (
 )
 _ALLOWANCES = 3
 """Times that a fit is repeated with the model error that the one before shows: it biases the first fit."""
-_IMPOSSIBLE = 2.0
-"""Standard errors by which a variance of the pointing is below zero where its own error may be too small."""
-
 _BOUNDARY_TOLERANCE, _REGULARIZED_TOLERANCE = 0.01, 0.1
 """Largest step of all other parameters, in standard errors, at convergence: where a streak has zero length,
 and in a valley where the steps ran out (one frame in a hundred)."""
@@ -235,16 +236,16 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds, unseen=
     image = np.asarray(expected_image(end.parameters, otf))
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
-    end = _with_possible_errors(end, data, otf, names)
+    end = with_possible_errors(end, data, otf, names)
     covariance, sound = invert_information(end.curvature)
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
     unsettled, converged = sound and not bool(end.converged), bool(end.converged)
     zero_length = at_zero_length(locus, names, covariance) if unsettled else set()
     regularized = set(regularizing_priors(locus))
-    lost = _lost_squares(end, names, unseen, otf.names, covariance) if unsettled else set()
+    hidden = hidden_squares(end, names, unseen, otf.names, covariance) if unsettled else set()
     tolerance = _REGULARIZED_TOLERANCE if regularized else _BOUNDARY_TOLERANCE
-    if unsettled and (exempt := zero_length | regularized | lost):
+    if unsettled and (exempt := zero_length | regularized | hidden):
         converged = _others_converged(end, names, exempt, tolerance)
     least = -np.inf if data.model_variance is None else 0.0  # a model error that is given may be too large
     flags = [] if abs(max(misfit.chi2 - dof, least)) < MISFIT * misfit.spread else ["misfit"]
@@ -272,42 +273,6 @@ def _finalize(data, otf, end: ScoringResult, names, iterations, seconds, unseen=
         objective=float(end.objective),
     )
     return result.remarked(misfit.correlated_noise(image), "noise_correlated")
-
-
-def _lost_squares(
-    end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, covariance
-) -> set[str]:
-    """Return the modes of a mirror-symmetric pupil whose squares noise hides: steps to zero do not settle."""
-    modes = [(i, name) for i, name in enumerate(names) if name in unseen]
-    vector = np.asarray(to_vector(end.parameters)[0])
-    every = parameter_names(end.parameters, aberrations)
-    value = {name: vector[every.index(name)] for _, name in modes}
-    return {name for i, name in modes if abs(value[name]) < 2 * np.sqrt(covariance[i, i])}
-
-
-def _with_possible_errors(end: ScoringResult, data, otf: OTF, names: tuple[str, ...]) -> ScoringResult:
-    """Return the end of a fit with the information of the nearest blur that is possible.
-
-    A variance that noise makes negative sharpens the modelled stars.  Where pixels undersample them, a faint
-    star ends so near the limit, minus the pixel's own variance, that errors of its place and blur are up to
-    seven times too small there.
-    """
-    locus = end.parameters.locus
-    if not isinstance(locus, Mvn) or not set(Mvn.names) <= set(names):
-        return end
-    covariance, sound = invert_information(end.curvature)
-    index = [names.index(name) for name in Mvn.names]
-    moments = np.asarray(locus.moments())
-    minor, error = minor_variance(moments, covariance[np.ix_(index, index)])
-    if not sound or not minor < -_IMPOSSIBLE * error:
-        return end
-    values, axes = np.linalg.eigh(moments[[0, 1, 1, 2]].reshape(2, 2))
-    possible = ((axes * np.maximum(values, 0.0)) @ axes.T)[[0, 0, 1], [0, 1, 1]]
-    near = eqx.tree_at(lambda p: p.locus, end.parameters, Mvn.near(jnp.asarray(possible)))
-    every = parameter_names(near, otf.names)
-    free = tuple(i for i, name in enumerate(every) if name in names)
-    information = normal_equations(near, otf, data, free, exact=False).information
-    return end._replace(information=information, curvature=information + end.curvature - end.information)
 
 
 def _flag_prior_conflict(

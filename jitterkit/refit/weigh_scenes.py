@@ -20,8 +20,9 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import Start, polished, resolution
 from jitterkit.loci import Mvn, principal_axes
 from jitterkit.optics import Optics
+from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.choose import DETECTED, fit_best_locus
-from jitterkit.refit.evidence import log_volume, minor_variance
+from jitterkit.refit.evidence import log_volume
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import fit_locus
 from jitterkit.refit.result import FitResult, Status

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from jitterkit.forward import Parameters
 from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Path, Shm, Smear, Tones
-from jitterkit.refit.boundary import regularizing_priors
-from jitterkit.refit.evidence import log_evidence, minor_variance
+from jitterkit.refit.boundary import minor_variance, regularizing_priors
+from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.scene import Binary
 
