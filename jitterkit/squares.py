@@ -44,6 +44,7 @@ class FreeSquares(NamedTuple):
     places : (k,) int array
         Of the parameters that change, among those that were fitted: all but such aberrations.
     change : (k,) array
+        In the units of the parameters.
     covariance : (k, k) array
         Of their new values.
     """
@@ -93,16 +94,16 @@ def free_squares(
     -------
     free : FreeSquares or None
         By a step from where such aberrations are zero.  None if no mode shows by its square only, or the
-        frame does not determine so much.
+        frame does not determine them all.
 
     Notes
     -----
     A mode does if its own effect about zero tells less of it than three times what its square does, and if
     its value may be noise.  One that is known better beforehand does not matter.  Left out are modes in which
-    B differs.
+    B differs, and data that allow for an error of the model.
     """
     system = optics.system if isinstance(optics, AnchoredOptics) else optics
-    if not isinstance(system, OpticalSystem):
+    if not isinstance(system, OpticalSystem) or data.model_variance is not None:
         return None
     modes, value, held = system.nominal.names, np.array(parameters.aberrations), held_with(hold)
     even = chosen = [i for i in system.even_modes if modes[i] not in held]

@@ -102,8 +102,8 @@ class WarmStart:
             moments = np.asarray(parameters.locus.moments())
             estimate = KernelEstimate(moments, start.covariance, SCORE)
         else:
-            known = None if rough else self.reference.optics  # a fit that follows has its own squares
-            estimate, parameters = estimate_from_normal(parameters, start.otf, start.data, hold, known)
+            cut_out = None if rough else self.reference.optics  # a fit that follows frees squares itself
+            estimate, parameters = estimate_from_normal(parameters, start.otf, start.data, hold, cut_out)
             excess, correlated = start.misfit(parameters)
             if not excess < MISFIT:
                 return None

@@ -140,6 +140,7 @@ def estimate_from_normal(
 def _of_shaped(
     blur: ShapedBlur, otf: OTF, data: Data, hold: Collection[str], optics: Optics | None
 ) -> KernelEstimate:
+    """Return the estimate of a blur that was fitted with its shape."""
     names, shape = free_parameters(blur.parameters, otf, hold)[0], blur.kurtosis
     moments, covariance = _with_free_squares(
         blur.parameters, names, blur.covariance[:3, :3], data, optics, hold
@@ -157,11 +158,11 @@ def _with_free_squares(
     hold: Collection[str],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the moments of a fitted blur and their covariance, with free squares where these matter."""
-    moments, first = np.asarray(fitted.locus.moments()), names.index(fitted.locus.names[0])
+    moments = np.asarray(fitted.locus.moments())
     free = None if optics is None else free_squares(fitted, names, data, optics, hold)
     if free is None:
         return moments, covariance
-    index = [np.flatnonzero(free.places == first + i)[0] for i in range(3)]
+    index = [free.places.tolist().index(names.index(name)) for name in fitted.locus.names[:3]]
     return moments + free.change[index], free.covariance[np.ix_(index, index)]
 
 

@@ -30,9 +30,9 @@ _FAR_OFF = 30.0  # deviance per pixel from which better derivatives do not bring
 _APART = 3.0  # resolutions between stars that are distinguished before the blur is known
 _UNSEEN = 0.01
 """Effect of a mode about no aberrations (:attr:`~jitterkit.optics.OpticalSystem.mode_effects`) below which a
-fit does not find it that starts at zero: of a ring with one sample of 64² changed by 0.001 to 1, all of 12
-fits that started beside zero were right."""
-_OFF_ZERO = 0.1  # rad rms at which a mode starts that shows by its square only; it hardly blurs a template
+fit that starts at zero does not find it.  All of 12 fits that started beside zero were right, behind a ring
+of which one sample of 64² was changed by 0.001 to 1."""
+_OFF_ZERO = 0.1  # rad rms at which such a mode starts: it hardly blurs a template
 _IMPROVEMENT = 0.97  # a round that improves the deviance by less was the last
 
 

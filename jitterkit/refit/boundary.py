@@ -28,6 +28,9 @@ from jitterkit.scoring import ScoringResult
 _SIGMAS = 3.0
 """Standard errors from zero below which a streak's length cannot be distinguished from zero."""
 
+_HIDDEN = 2.0
+"""Standard errors from zero below which a mode that shows by its square may be none: 1 of 20 by chance."""
+
 _IMPOSSIBLE = 2.0
 """Standard errors by which a variance of the pointing is below zero where its own error may be too small."""
 
@@ -90,12 +93,25 @@ def minor_variance(moments, covariance) -> tuple[float, float]:
 def hidden_squares(
     end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, covariance
 ) -> set[str]:
-    """Return the modes of a mirror-symmetric pupil whose squares noise hides: steps to zero do not settle."""
+    """Return the modes of a mirror-symmetric pupil whose squares noise hides: steps to zero do not settle.
+
+    Parameters
+    ----------
+    end : ScoringResult
+    names : tuple of str
+        Of the free parameters.
+    unseen : collection of str
+        Modes that a symmetric pupil shows by their squares only.
+    aberrations : tuple of str
+        Names of all aberrations of the parameters.
+    covariance : (p, p) array
+        Of the free parameters.
+    """
     modes = [(i, name) for i, name in enumerate(names) if name in unseen]
     vector = np.asarray(to_vector(end.parameters)[0])
     every = parameter_names(end.parameters, aberrations)
     value = {name: vector[every.index(name)] for _, name in modes}
-    return {name for i, name in modes if abs(value[name]) < 2 * np.sqrt(covariance[i, i])}
+    return {name for i, name in modes if abs(value[name]) < _HIDDEN * np.sqrt(covariance[i, i])}
 
 
 def with_possible_errors(end: ScoringResult, data, otf: OTF, names: tuple[str, ...]) -> ScoringResult:

@@ -57,7 +57,7 @@ _TOLD, _POSSIBLE = 0.075, 0.05
 """Error of a kurtosis from which a frame may take one for the other, a quarter of their difference: two in a
 hundred do, and move the mean of all moments by a tenth of an error.  Weight of both together from which a
 blur may be straight: which of them has more does not matter, because frames that are sure by chance belong
-to the mean too.  Other loci count from that weight on too, most of whose difference is their kurtosis."""
+to the mean too.  Below that weight other loci add nothing to the errors: they differ mostly by kurtosis."""
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,7 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
         and chi-squared stay.  The fit itself where that does not apply or gives no valid scene, and where an
         error of the model was allowed for.
     """
-    if fit.status is not Status.OK or fit.parameters is None:
-        return fit
-    if fit.model_error or data.model_variance is not None:
+    if fit.status is not Status.OK or fit.parameters is None or fit.model_error:
         return fit
     free = free_squares(fit.parameters, fit.names, data, optics, options.hold, options.priors.over)
     if free is None:
