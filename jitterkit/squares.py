@@ -93,8 +93,7 @@ def free_squares(
     Returns
     -------
     free : FreeSquares or None
-        By a step from where such aberrations are zero.  None if no mode shows by its square only, or the
-        frame does not determine them all.
+        None if no mode shows by its square only, or the frame does not determine them all.
 
     Notes
     -----
@@ -107,13 +106,13 @@ def free_squares(
         return None
     modes, value, held = system.nominal.names, np.array(parameters.aberrations), held_with(hold)
     even = chosen = [i for i in system.even_modes if modes[i] not in held]
+    if not even:
+        return None
     every = tuple(dict.fromkeys((*names, *modes)))
     known = dict(zip(every, np.diag(prior_over(every).precision), strict=True))
+    otf = _with_squares(optics, value, even, system.mode_phases)
     while chosen:
-        state = value.copy()
-        state[chosen] = 0.0
-        otf = _with_squares(optics, state, even, system.mode_phases)
-        frame = _Frame.of(parameters, names, data, otf, state, even)
+        frame = _Frame.of(parameters, names, data, _about_zero(otf, value, even, chosen), even)
         by_itself, by_square = frame.information_on(chosen, names, prior_over)
         spread = by_square**-0.25
         unseen = [
@@ -134,7 +133,7 @@ def _product(names: tuple[str, ...], i: int, j: int) -> str:
 
 
 def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.ndarray) -> OTF:
-    """Return optics about a state whose first aberrations are the products of pairs of modes [nm²]."""
+    """Return optics about a state whose first aberrations are changes of products of pairs of modes [nm²]."""
     otf, pairs = optics.otf(state), list(combinations_with_replacement(even, 2))
     if isinstance(optics, AnchoredOptics):
         i, j = np.transpose(pairs)
@@ -155,6 +154,20 @@ def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.
     )
 
 
+def _about_zero(otf: OTF, state: np.ndarray, even: list[int], modes: list[int]) -> OTF:
+    """Return such optics with the slopes that modes [nm] have where they are zero.
+
+    A step from the fit is right where they are real; from zero, it would be off by their fourth powers.
+    """
+    pairs = list(combinations_with_replacement(even, 2))
+    slopes = otf.slopes
+    for row, (i, j) in zip(slopes, pairs, strict=False):
+        if i in modes and j in modes:
+            slopes = slopes.at[len(pairs) + i].add(-row * float(state[j]))
+            slopes = slopes.at[len(pairs) + j].add(-row * float(state[i]))
+    return replace(otf, slopes=slopes)
+
+
 def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int, int]], steps: np.ndarray):
     """Return the changes of a transfer function by products of modes, per nm², by differences of itself.
 
@@ -173,7 +186,7 @@ def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int
 
 
 class _Frame(NamedTuple):
-    """Hold what a frame says of everything that was fitted and of squares, where some modes are zero.
+    """Hold what a frame says, about a fit, of everything that was fitted and of products of modes.
 
     Attributes
     ----------
@@ -197,13 +210,12 @@ class _Frame(NamedTuple):
         names: tuple[str, ...],
         data: Data,
         otf: OTF,
-        state: np.ndarray,
         even: list[int],
     ) -> _Frame:
-        """Evaluate a fit at another state of the aberrations [nm], by optics that have products of modes."""
-        count = len(otf.names) - len(state)
+        """Evaluate a fit by optics that have products of even modes."""
+        count = len(otf.names) - len(parameters.aberrations)
         products, optics = otf.names[:count], otf.names[count:]
-        aberrations = jnp.concatenate([jnp.zeros(count), jnp.asarray(state)])
+        aberrations = jnp.concatenate([jnp.zeros(count), jnp.asarray(parameters.aberrations)])
         parameters = eqx.tree_at(lambda p: p.aberrations, parameters, aberrations)
         every = parameter_names(parameters, otf.names)
         wanted = {*names, *products, *(optics[i] for i in even)}

@@ -13,7 +13,7 @@ from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_star
 from jitterkit.loci import Mvn
-from jitterkit.optics import obstructed_circle
+from jitterkit.optics import Anchor, AnchoredOptics, obstructed_circle
 from jitterkit.refit import FitOptions, Priors, Status, fit_best_locus, fit_frame
 from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
@@ -102,6 +102,20 @@ def test_moments_are_right_whether_a_focus_is_seen_or_not(focus, held, symmetric
     result = freed(plain, pixels, symmetric)
     assert result.status is Status.OK
     assert np.all(np.abs(off(result)) < 0.15)
+
+
+def test_a_focus_that_is_real_is_no_jitter_by_optics_about_it(symmetric):
+    """Those of the later frames of a run: a step from no focus at all would start too far off."""
+    x, y = pupil_places()
+    light, state = 1e4, np.array([28.0, 0.0, 0.0])
+    opd = 28.0 * np.sqrt(3) * (2 * (x**2 + y**2) - 1)
+    pixels = star_image(0.6, -1.1, light, ((0, 0, 1.0),), opd=opd) + 2.0
+    optics = AnchoredOptics.about(symmetric, Anchor.at(symmetric, state), light)
+    start = Parameters(Star(0.6, -1.1, light), Mvn.near(np.full(3, 1e-3)), state)
+    plain = fit_frame(Data(pixels, 9.0), optics, start)
+    result = freed(plain, pixels, optics)
+    assert result is not plain
+    assert np.all(np.abs(off(result)) < 0.005)
 
 
 def test_errors_of_a_blur_that_is_possible_are_not_replaced_by_smaller_ones(symmetric):
