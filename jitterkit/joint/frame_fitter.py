@@ -8,7 +8,7 @@ frame with the shared parameters held, nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -39,6 +39,10 @@ _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if cho
 """Loci that are lines: they have no blur across their axis."""
 
 
+_SQUARE = 2.0
+"""Errors by which the square of an aberration must differ from zero to be varied: to vary noise costs little,
+and what is held makes moments of a frame wrong by as many errors."""
+
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
 
@@ -66,6 +70,8 @@ class FrameFitter:
         Of :class:`~jitterkit.refit.FitOptions`.
     known_light : KnownLight or None
         What to take out of the frames.
+    shown : tuple of str
+        Aberrations that frames show though a symmetric pupil hides them about zero (:meth:`seeing`).
 
     Raises
     ------
@@ -82,6 +88,7 @@ class FrameFitter:
     scene: str = "auto"
     model_error: ModelError = 0.0
     known_light: KnownLight | None = None
+    shown: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         locus_class(self.locus)
@@ -100,12 +107,35 @@ class FrameFitter:
     @cached_property
     def hold(self) -> tuple[str, ...]:
         """Return the parameters that no fit varies: those known, and aberrations without effect."""
-        return (*self.known, *self.optics.nominal.blind())
+        return (*self.known, *self.hidden)
+
+    @cached_property
+    def hidden(self) -> tuple[str, ...]:
+        """Return the aberrations that are not known, and that a symmetric pupil hides."""
+        unseen = self.optics.nominal.blind()
+        return tuple(name for name in unseen if name not in (*self.known, *self.shown))
 
     @property
-    def holds_unseen(self) -> bool:
-        """Return whether aberrations are held because the pupil is its own mirror image."""
-        return bool(set(self.optics.nominal.blind()) - set(self.known))
+    def flags(self) -> tuple[str, ...]:
+        """Return what a pupil that is its own mirror image means for all frames."""
+        return (*["aberrations_held"] * bool(self.hidden), *["sign_unknown"] * bool(self.shown))
+
+    def seeing(self, frames: Iterable[Frame]) -> FrameFitter:
+        """Return the fitter that varies what the first frame that can be fitted shows of hidden aberrations.
+
+        Such an aberration shows by its square alone; of what noise makes of it, nothing is to be shared.
+        """
+        if not self.hidden:
+            return self
+        trial = replace(self, shown=self.hidden)
+        fits = (trial._fit_alone(frame, None)[0] for frame in frames)
+        fit = next((fit for fit in fits if fit.status.usable and fit.parameters is not None), None)
+        if fit is None or fit.parameters is None:
+            return self
+        values = dict(zip(self.optics.nominal.names, np.asarray(fit.parameters.aberrations), strict=False))
+        # half the relative error of a square is that of the value
+        shown = [name for name in self.hidden if abs(values[name]) > 2 * _SQUARE * fit.error(name)]
+        return replace(self, shown=tuple(shown))
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
@@ -131,11 +161,21 @@ class FrameFitter:
 
         ``near`` are the shared parameters of other frames: star A is theirs, and theta within half a turn.
         """
+        fit, otf = self._fit_alone(frame, shutter, is_pair=near is not None)
+        if fit.parameters is None or not fit.status.usable:
+            return fit, otf
+        values = _alike(self.values_of(fit.parameters), near)
+        return self.refit(frame, self.at(fit.parameters, values), otf)
+
+    def _fit_alone(
+        self, frame: Frame, shutter: Shutter | None, *, is_pair: bool = False
+    ) -> tuple[FitResult, OTF]:
+        """Find the pair of a frame, and fit everything."""
         data = self._data(frame)
         nominal = self.optics.nominal
         if not np.any(np.asarray(data.used)):
             return FitResult(Status.NO_DATA, f"{Status.NO_DATA.value}."), nominal
-        search = self._choice if near is None and self.scene == "auto" else self._pair
+        search = self._choice if self.scene == "auto" and not is_pair else self._pair
         choice, data = found_allowing(search, data, nominal, self.model_error, rough=False)
         if choice is None:
             return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit."), nominal
@@ -150,11 +190,7 @@ class FrameFitter:
         fit, otf, _ = fit_and_allow(data, self.optics, begin, start.otf, options)
         if self.diffusion and fit.parameters is not None:
             fit = replace(fit, parameters=self._split_diffusion(fit.parameters))
-        fit, otf = self._with_locus(data, fit, otf, options)
-        if fit.parameters is None or not fit.status.usable:
-            return fit, otf
-        values = _alike(self.values_of(fit.parameters), near)
-        return self.refit(frame, self.at(fit.parameters, values), otf)
+        return self._with_locus(data, fit, otf, options)
 
     def refit(self, frame: Frame, start: Parameters, otf: OTF) -> tuple[FitResult, OTF]:
         """Fit a frame's own parameters from a start near them, with the locus."""

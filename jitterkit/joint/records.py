@@ -249,19 +249,19 @@ def reason_of(exposure: Exposure) -> FitResult:
 
 
 def record_of(
-    exposure: Exposure, fit: FitResult, own: tuple[str, ...], *, unseen: bool = False, **more
+    exposure: Exposure, fit: FitResult, own: tuple[str, ...], *, of_all: tuple[str, ...] = (), **more
 ) -> FrameRecord:
     """Make the record of a frame, with the flags of its calibration.
 
-    In a frame's own fit aberrations are held because all frames share them; ``unseen`` says that the joint
-    fit holds some too.
+    In a frame's own fit aberrations are held because all frames share them; ``of_all`` are the flags of what
+    they share.
     """
     frame = exposure.frame
     if frame is None:
         return FrameRecord.of(exposure.name, exposure.time, fit, own)
     remark = frame.metadata.remark
-    words = (*frame.flags, *fit.flags, *["header_odd"] * bool(remark))
-    flags = dict.fromkeys(flag for flag in words if flag != "aberrations_held" or unseen)
+    own_flags = (flag for flag in fit.flags if flag != "aberrations_held")
+    flags = dict.fromkeys((*frame.flags, *own_flags, *of_all, *["header_odd"] * bool(remark)))
     fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
     if fit.parameters is not None and frame.plate_scale:

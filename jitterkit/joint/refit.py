@@ -100,6 +100,7 @@ def refit_sequence(
     *Fails when* a single frame is far from linear in the shared parameters: its summary is the
     quadratic form at the joint maximum, not at its own.
     """
+    fitter = fitter.seeing(exposure.frame for exposure in exposures if exposure.frame is not None)
     return _Run(exposures, fitter, options or SequenceOptions(), watch, keep).fit()
 
 
@@ -181,8 +182,8 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            known = {"unseen": fitter.holds_unseen, "has_summary": summary is not None}
-            records.append(record_of(exposure, fit, fitter.own, **known))
+            has_summary = summary is not None
+            records.append(record_of(exposure, fit, fitter.own, of_all=fitter.flags, has_summary=has_summary))
             if summary is None:
                 continue
             summaries.append(summary)
@@ -225,8 +226,8 @@ class _Run:
             frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
             exposure = exposure._replace(frame=frame)
             summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            known = {"unseen": fitter.holds_unseen, "has_summary": summary is not None}
-            records.append(record_of(exposure, fit, fitter.own, velocity=velocity, **known))
+            more = {"velocity": velocity, "has_summary": summary is not None}
+            records.append(record_of(exposure, fit, fitter.own, of_all=fitter.flags, **more))
             if summary is not None:
                 summaries.append(summary)
                 self.keep(number, frame, fit)
