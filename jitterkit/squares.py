@@ -47,11 +47,30 @@ class FreeSquares(NamedTuple):
         In the units of the parameters.
     covariance : (k, k) array
         Of their new values.
+    names : tuple of str
+        Of everything that the step varies, such aberrations and their products included.
+    score, whole : (q,), (q, q) array
+        Slope of the log-posterior by them, and their covariance.
     """
 
     places: np.ndarray
     change: np.ndarray
     covariance: np.ndarray
+    names: tuple[str, ...]
+    score: np.ndarray
+    whole: np.ndarray
+
+    @property
+    def gain(self) -> float:
+        """Return the amount by which the step lowers the objective."""
+        return float(self.score @ self.whole @ self.score)
+
+    def shared_gain(self, other: FreeSquares) -> float:
+        """Return what both steps take from the squared distance of two fits' images, in sigmas²."""
+        theirs = dict(zip(other.names, other.score, strict=True))
+        ours = zip(self.names, self.score, strict=True)
+        apart = np.array([value - theirs.get(name, value) for name, value in ours])
+        return float(apart @ self.whole @ apart)
 
     def added_to(
         self, parameters: Parameters, names: tuple[str, ...], aberrations: tuple[str, ...]
@@ -271,7 +290,8 @@ class _Frame(NamedTuple):
         covariance, sound = invert_information(self.information[np.ix_(index, index)] + known)
         if not sound:
             return None
-        change = covariance @ (self.score[index] - pull)
+        score = self.score[index] - pull
+        change = covariance @ score
         free = np.array([i for i, name in enumerate(fitted) if name not in weak])
         mine = [names.index(fitted[i]) for i in free]
-        return FreeSquares(free, change[mine], covariance[np.ix_(mine, mine)])
+        return FreeSquares(free, change[mine], covariance[np.ix_(mine, mine)], names, score, covariance)

@@ -22,7 +22,6 @@ separation of every frame the same way: :mod:`jitterkit.trade.plan` prices it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -42,7 +41,8 @@ from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
-from jitterkit.refit.result import STRAIGHT, FitResult, Status
+from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.straight import straight_blur
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
 FALSE_ALARM = 0.01
@@ -253,7 +253,7 @@ def _fit_tiers(
                     return retry
         if fits:
             break
-    return _finalize(tried)
+    return replace(_finalize(tried), straight=straight_blur(tried.fits, normal.shape_err, frame))
 
 
 def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
@@ -272,13 +272,8 @@ def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
         tried = Tried(next(iter(fits.values())))
     candidates = weigh(list(tried.fits.values()), list(tried.evidence.values()))
     best = tried.best
-    straight_err, (drift, vibration) = math.nan, STRAIGHT.values()
-    one, other = (fits[name].residual if name in fits else None for name in STRAIGHT)
-    if one is not None and other is not None:  # images so far apart, in sigmas
-        straight_err = (drift - vibration) / math.sqrt(max(float(np.nansum((one - other) ** 2)), 1e-300))
     return replace(
         best,
-        straight_err=straight_err,
         message=" ".join(filter(None, [best.message, describe_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,

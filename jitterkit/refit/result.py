@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,6 +58,22 @@ _TOLD, _POSSIBLE = 0.075, 0.05
 hundred do, and move the mean of all moments by a tenth of an error.  Weight of both together from which a
 blur may be straight: which of them has more does not matter, because frames that are sure by chance belong
 to the mean too.  Below that weight other loci add nothing to the errors: they differ mostly by kurtosis."""
+
+
+class StraightBlur(NamedTuple):
+    """Hold what a frame shows of the kurtosis of a straight blur.
+
+    Attributes
+    ----------
+    kurtosis, error : float
+        Excess kurtosis along the axis.
+    slope : (3,) array
+        Change of the moments ``(Sxx, Sxy, Syy)`` [arcsec²] by it.
+    """
+
+    kurtosis: float
+    error: float
+    slope: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -129,9 +145,8 @@ class FitResult:
         Excess kurtosis of the blur along its axes and its error, by one scoring step from the normal, or by
         a fit where it is known well; NaN
         where no jitter was detected or the locus was not to be chosen.
-    straight_err : float
-        Error of the kurtosis of a straight blur, by how far the images of a drift and of a vibration are
-        apart; NaN unless both were fitted.
+    straight : StraightBlur or None
+        None unless both a drift and a vibration were compared.
     off_maximum : ((p,) array, (p, p) array) or None
         What an unknown shape of the blur adds to the values at the maximum, and to their covariance.
     further_limit : float
@@ -165,7 +180,7 @@ class FitResult:
     candidates: tuple[Candidate, ...] = ()
     shape: float = float("nan")
     shape_err: float = float("nan")
-    straight_err: float = float("nan")
+    straight: StraightBlur | None = None
     off_maximum: tuple[np.ndarray, np.ndarray] | None = None
     further_limit: float = float("nan")
     model_error: float = 0.0
@@ -273,16 +288,12 @@ class FitResult:
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         moments, covariance = moments_of(self.parameters.locus, self.names, self.covariance)
         likely = {c.locus: c for c in self.candidates if c.weight > 0 and np.all(np.isfinite(c.moments))}
-        straight = [c.weight for name, c in likely.items() if name in STRAIGHT]
-        error = self.shape_err if math.isnan(self.straight_err) else self.straight_err
-        own = (STRAIGHT | {"mvn": 0.0}).get(self.locus)
-        if own is not None and len(straight) > 1 and sum(straight) > _POSSIBLE and error > _TOLD:
-            (one, a), (other, b) = ((likely[name], k) for name, k in STRAIGHT.items())
-            slope = (np.asarray(one.moments) - other.moments) / (a - b)
-            # by both fits, not by one step: objectives are squares of the distance from what is shown
-            shown = (a + b - (one.objective - other.objective) * error**2 / (a - b)) / 2
-            moments = moments + (shown - own) * slope
-            covariance = covariance + error**2 * np.outer(slope, slope)
+        weights = [c.weight for name, c in likely.items() if name in STRAIGHT]
+        possible = len(weights) == len(STRAIGHT) and sum(weights) > _POSSIBLE
+        own, shown = (STRAIGHT | {"mvn": 0.0}).get(self.locus), self.straight
+        if possible and own is not None and shown is not None and shown.error > _TOLD:
+            moments = moments + (shown.kurtosis - own) * shown.slope
+            covariance = covariance + shown.error**2 * np.outer(shown.slope, shown.slope)
             likely = {name: c for name, c in likely.items() if name not in (*STRAIGHT, "mvn")}
             likely = likely if sum(c.weight for c in likely.values()) > _POSSIBLE else {}
         off = np.reshape([np.asarray(c.moments) - moments for c in likely.values()], (-1, 3))

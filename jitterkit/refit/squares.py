@@ -8,7 +8,7 @@ from jitterkit.likelihood import Data
 from jitterkit.optics import Optics
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.squares import free_squares
+from jitterkit.squares import FreeSquares, free_squares
 
 _FEWER = 0.8
 """Share of its variance in the fit below which a value is not better known with squares free, as more free
@@ -30,14 +30,24 @@ def with_free_squares(fit: FitResult, data: Data, optics: Optics, options: FitOp
     Returns
     -------
     fit : FitResult
-        Values and errors of all but such aberrations by :func:`~jitterkit.squares.free_squares`; they, image
-        and chi-squared stay.  The fit itself where that does not apply or gives no valid scene, and where an
-        error of the model was allowed for.
+        As :func:`freed` has it, by the squares of :func:`squares_of`.
     """
+    return freed(fit, squares_of(fit, data, optics, options))
+
+
+def squares_of(fit: FitResult, data: Data, optics: Optics, options: FitOptions) -> FreeSquares | None:
+    """Return what free squares change in a fit; None for an error of the model."""
     if fit.status is not Status.OK or fit.parameters is None or fit.model_error:
-        return fit
-    free = free_squares(fit.parameters, fit.names, data, optics, options.hold, options.priors.over)
-    if free is None:
+        return None
+    return free_squares(fit.parameters, fit.names, data, optics, options.hold, options.priors.over)
+
+
+def freed(fit: FitResult, free: FreeSquares | None) -> FitResult:
+    """Return a fit with the values and errors of free squares.
+
+    Those of such aberrations, image and chi-squared stay, and all of a fit that gives no valid scene so.
+    """
+    if free is None or fit.parameters is None:
         return fit
     covariance, index = fit.covariance.copy(), np.ix_(free.places, free.places)
     beside, variance = fit.off_maximum or (np.zeros(len(fit.names)), np.zeros_like(covariance))

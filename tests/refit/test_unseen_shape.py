@@ -13,7 +13,7 @@ from jitterkit.frames import Frame
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, fit_best_locus, fit_locus
-from jitterkit.refit.result import Candidate
+from jitterkit.refit.result import Candidate, StraightBlur
 from jitterkit.scene import Star
 
 
@@ -100,15 +100,16 @@ def test_errors_of_moments_hold_what_not_knowing_the_locus_adds():
 
 def taken_for_a_vibration(shape_err):
     """A frame whose excess kurtosis is -1.3, between a drift's and a vibration's -1.2 and -1.5."""
-    linear, shm = (0.1 / shape_err) ** 2, (0.2 / shape_err) ** 2  # chi-squared of a drift and a vibration
     p = Parameters(Star(0.0, 0.0, 1e5), Mvn.near(np.array([0.018, 0.0, 0.0])), np.zeros(0))
     candidates = (
-        Candidate("shm", shm, 0.6, np.nan, moments=(0.018, 0.0, 0.0)),
-        Candidate("linear", linear, 0.4, np.nan, moments=(0.021, 0.0, 0.0)),
+        Candidate("shm", 0.0, 0.6, np.nan, moments=(0.018, 0.0, 0.0)),
+        Candidate("linear", 0.0, 0.4, np.nan, moments=(0.021, 0.0, 0.0)),
     )
     known = {"names": ("mvn_xx", "mvn_xy", "mvn_yy"), "covariance": np.diag([1e-6, 1e-6, 1e-6])}
-    shape = {"shape": -1.1, "shape_err": shape_err}  # one step is less exact
-    return FitResult(Status.OK, "", locus="shm", parameters=p, candidates=candidates, **known, **shape)
+    straight = StraightBlur(-1.3, shape_err, np.array([0.01, 0.0, 0.0]))
+    return FitResult(
+        Status.OK, "", locus="shm", parameters=p, candidates=candidates, straight=straight, **known
+    )
 
 
 def test_a_frame_that_may_be_wrong_about_its_locus_has_the_moments_of_the_kurtosis_that_it_shows():
@@ -152,9 +153,9 @@ def test_a_drift_that_may_be_a_vibration_has_its_own_moments(size, optics):
     result = fit_best_locus(Data(image, 9.0), optics, near(5e5), np.array([0.02, 0.0, 0.02]))
     objective = {one.locus: one.objective for one in result.candidates}
     # without noise: a drift's own chi-squared is none, a vibration's the square of its distance in kurtosis
-    assert result.straight_err == pytest.approx(
-        0.3 / np.sqrt(objective["shm"] - objective["linear"]), rel=0.03
-    )
+    distance = np.sqrt(objective["shm"] - objective["linear"])
+    assert result.straight.error == pytest.approx(0.3 / distance, rel=0.03)
+    assert result.straight.kurtosis == pytest.approx(-1.2, abs=0.03 * result.straight.error)
     moments, covariance = result.moments()
     c, s = np.cos(np.radians(25)), np.sin(np.radians(25))
     off = (moments - size**2 / 12 * np.array([c * c, c * s, s * s])) / np.sqrt(np.diag(covariance))
