@@ -49,8 +49,14 @@ class FreeSquares(NamedTuple):
         Of their new values.
     names : tuple of str
         Of everything that the step varies, such aberrations and their products included.
-    score, whole : (q,), (q, q) array
-        Slope of the log-posterior by them, and their covariance.
+    score : (q,) array
+        Slope of the frame's log-likelihood by them where it was fitted.
+    step : (q,) array
+        The way from there.
+    whole : (q, q) array
+        Covariance of their new values.
+    moments : (3, q) array
+        Derivatives of the moments ``(Sxx, Sxy, Syy)`` by them.
     """
 
     places: np.ndarray
@@ -58,19 +64,9 @@ class FreeSquares(NamedTuple):
     covariance: np.ndarray
     names: tuple[str, ...]
     score: np.ndarray
+    step: np.ndarray
     whole: np.ndarray
-
-    @property
-    def gain(self) -> float:
-        """Return the amount by which the step lowers the objective."""
-        return float(self.score @ self.whole @ self.score)
-
-    def shared_gain(self, other: FreeSquares) -> float:
-        """Return what both steps take from the squared distance of two fits' images, in sigmas²."""
-        theirs = dict(zip(other.names, other.score, strict=True))
-        ours = zip(self.names, self.score, strict=True)
-        apart = np.array([value - theirs.get(name, value) for name, value in ours])
-        return float(apart @ self.whole @ apart)
+    moments: np.ndarray
 
     def added_to(
         self, parameters: Parameters, names: tuple[str, ...], aberrations: tuple[str, ...]
@@ -290,8 +286,9 @@ class _Frame(NamedTuple):
         covariance, sound = invert_information(self.information[np.ix_(index, index)] + known)
         if not sound:
             return None
-        score = self.score[index] - pull
-        change = covariance @ score
+        score = self.score[index]
+        step = covariance @ (score - pull)
         free = np.array([i for i, name in enumerate(fitted) if name not in weak])
         mine = [names.index(fitted[i]) for i in free]
-        return FreeSquares(free, change[mine], covariance[np.ix_(mine, mine)], names, score, covariance)
+        own = covariance[np.ix_(mine, mine)]
+        return FreeSquares(free, step[mine], own, names, score, step, covariance, slope)

@@ -118,6 +118,19 @@ def test_a_focus_that_is_real_is_no_jitter_by_optics_about_it(symmetric):
     assert np.all(np.abs(off(result)) < 0.005)
 
 
+def test_noise_that_asks_for_a_negative_square_is_not_taken_from_the_kurtosis(symmetric):
+    """Of a drift, which was taken for a vibration too often."""
+    light, blur = 1e6, drift(0.9, 30)
+    x, y = pupil_places()
+    opd = 5.0 * np.sqrt(3) * (2 * (x**2 + y**2) - 1)
+    flat, ahead, behind = (star_image(0.6, -1.1, light, blur, opd=k * opd) for k in (0, 1, -1))
+    pixels = flat - (ahead + behind - 2 * flat) / 2 + 2.0
+    start = Parameters(Star(0.62, -1.08, light), Mvn.of(0.1), (1.0, 0.0, 0.0))
+    result = fit_best_locus(Data(pixels, 9.0), symmetric, start, np.array([0.02, 0.0, 0.02]))
+    shown = result.straight
+    assert abs(shown.kurtosis + 1.2) < 0.1 * shown.error
+
+
 def test_errors_of_a_blur_that_is_possible_are_not_replaced_by_smaller_ones(symmetric):
     pixels = image(0.0)
     plain = fitted(pixels, symmetric, state=np.zeros(3))
