@@ -22,7 +22,7 @@ from scipy import fft
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.estimators.shape import inflate_covariance, is_decisive
+from jitterkit.estimators.shape import DECISIVE, inflate_covariance
 from jitterkit.forward import Parameters, expected_image
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
 from jitterkit.likelihood import Data
@@ -190,7 +190,7 @@ def _estimate(ratio: _Ratio) -> KernelEstimate:
         return KernelEstimate(normal[1:], covariance, "mtf")
     solution, pull, metric = _fit(ratio, np.append(normal, 0.0), 1)
     shape, error = float(solution[4]), float(np.sqrt(_propagate(pull[3:], ratio)[0, 0]))
-    if not is_decisive(error):
+    if not error < DECISIVE:
         covariance = inflate_covariance(covariance, -metric[1:4, 4] / metric[4, 4])
         return KernelEstimate(normal[1:], covariance, "mtf", shape=shape, shape_err=error)
     solution, pull, _ = _fit(ratio, solution, _STEPS)

@@ -18,12 +18,12 @@ import numpy as np
 from jitterkit.errors import ErrorCode, UndeterminedError
 from jitterkit.estimators.compressed import ORDERS, shaped_blur
 from jitterkit.estimators.shape import (
+    DECISIVE,
     KURTOSIS,
     CumulantStep,
     ShapedBlur,
     fit_shape,
     inflate_covariance,
-    is_decisive,
 )
 from jitterkit.forward import Parameters, free_parameters
 from jitterkit.kernel_estimate import KernelEstimate, is_detected
@@ -126,7 +126,7 @@ def estimate_from_normal(
     if not is_detected(moments, covariance):
         return KernelEstimate(moments, covariance, "score"), normal
     found, blur = step.shape(), None
-    if is_decisive(found.error):
+    if found.error < DECISIVE:
         blur = shaped_blur(step, otf, data, hold)
     if blur is None:
         covariance = inflate_covariance(

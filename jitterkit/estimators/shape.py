@@ -4,7 +4,7 @@
 kurtosis one wants that a normal describes.  :func:`fit_shape` fits that kurtosis, or a
 blur whose kurtosis is known.  The excess kurtosis enters an image by the square of the blur: while the blur
 is small it is unknown and does little harm; once the frame tells it, leaving it out biases the moments.
-:func:`is_decisive` draws the border by the error of the kurtosis, not by its value, so that no frame is
+``DECISIVE`` draws the border by the error of the kurtosis, not by its value, so that no frame is
 picked by its noise; below it :func:`inflate_covariance` adds the possible effect of the shape to the errors.
 """
 
@@ -27,7 +27,7 @@ from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.scoring import fisher_scoring_without_prior
 
-_DECISIVE = 1.2
+DECISIVE = 1.2
 """Error of the excess kurtosis that equals a drift's own: there the bias of the moments with the shape
 held at a normal's is what their variance grows by with the shape free, and beyond it is more."""
 
@@ -291,9 +291,4 @@ def inflate_covariance(covariance: np.ndarray, response: np.ndarray) -> np.ndarr
         As if the kurtosis were known to be zero within 1.2: unchanged where it has no effect.
     """
     known = np.nan_to_num(response)
-    return covariance + _DECISIVE**2 * np.outer(known, known)
-
-
-def is_decisive(shape_err):
-    """Return whether a shape is known so well, by its error, that the moments are not those of a normal."""
-    return shape_err < _DECISIVE
+    return covariance + DECISIVE**2 * np.outer(known, known)

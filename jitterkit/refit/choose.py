@@ -28,7 +28,7 @@ import numpy as np
 import scipy.stats
 
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
-from jitterkit.estimators.shape import CumulantStep, is_decisive
+from jitterkit.estimators.shape import DECISIVE, CumulantStep
 from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -42,7 +42,7 @@ from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.refit.straight import straight_blur
+from jitterkit.refit.squares import straight_blur
 from jitterkit.refit.weigh import Tried, describe_undecided, weigh
 
 FALSE_ALARM = 0.01
@@ -138,7 +138,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     step = CumulantStep.of(normal.parameters, normal.names, otf, frame.data, ORDERS)
     shape = step.shape()
     # a shape that is known well is fitted
-    if is_decisive(shape.error) and (blur := shaped_blur(step, otf, frame.data, frame.options.hold)):
+    if shape.error < DECISIVE and (blur := shaped_blur(step, otf, frame.data, frame.options.hold)):
         shape = shape._replace(kurtosis=blur.kurtosis, error=blur.kurtosis_err)
     normal = replace(normal, shape=shape.kurtosis, shape_err=shape.error)
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
