@@ -19,6 +19,7 @@ from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import is_detected
 from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
+from jitterkit.loci import covariance_on_axis, moments_on_axis
 from jitterkit.metric import LARGE_FACTOR, error_factor
 from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
@@ -48,10 +49,16 @@ class Limits:
     """Standard errors below zero from which a background, or a variance of the pointing, is none."""
     misfit: float = 5.0
     """Standard deviations of chi-squared from which a frame with a likely speckle for a star does not fit."""
-    counts: float = 20.0
+    counts: float = 50.0
     """Electrons from which a Poisson law is nearly normal, so that an outlier can be recognised."""
-    outlier: float = 8.0
-    """Sigmas: chance makes one pixel in 1e15 stand out so far."""
+    outlier: float = 6.0
+    """Sigmas: chance makes one pixel in 1e9 stand out so far (in 3e7, of 50 electrons).  Where pixels sample
+    the resolution, the fit of a star hides up to a third of what is wrong with a pixel of it: places that are
+    off by four errors leave 6.8 sigmas."""
+    along: float = 2.0
+    """Degrees, beside three standard errors, within which a jitter is along the line through a pair."""
+    of_a_motion: float = 4.0
+    """Separation in resolutions up to which a pair may be one star that moved."""
 
 
 LIMITS = Limits()
@@ -209,6 +216,30 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
         message = f"{Status.POOR_FIT.value}: chi²/dof is {result.chi2_dof:.4g} with a companion."
         result = replace(result, status=Status.POOR_FIT, message=message)
     return result.remarked(f"The companion, {found}, may be a speckle.", "faint_companion")
+
+
+def flag_motion_along_pair(result: FitResult, otf: OTF) -> FitResult:
+    """Add a remark to a pair whose jitter is along its line: it may be one star that moved unevenly.
+
+    A drift that accelerates dwells at one end, as the brighter of two stars that drift along their line.  A
+    true pair has such a jitter by chance, in up to one frame of ten.
+    """
+    near = result.of_scene("separation") < LIMITS.of_a_motion * resolution(otf)
+    if not (result.status.usable and near) or "jitter_undetected" in result.flags:
+        return result
+    theta, (moments, covariance) = result.of_scene("theta"), result.moments()
+    (along, cross, across), own = moments_on_axis(moments, theta), covariance_on_axis(covariance, theta)
+    longer, variance = along - across, own[0, 0] + own[2, 2] - 2 * own[0, 2]
+    if not longer > LIMITS.below * math.sqrt(max(variance, 0.0)):
+        return result
+    turned, error = np.degrees([abs(cross) / longer, math.sqrt(max(own[1, 1], 0.0)) / longer])
+    error = math.hypot(error, np.nan_to_num(result.error("theta")))
+    if error > LIMITS.along or turned > LIMITS.along + 3 * error:
+        return result
+    remark = f"The jitter of both stars is along the line through them ({theta % 180:.3g} deg)"
+    same = "one star that moves along it at a speed that changes looks the same"
+    advice = "If it is one, place and jitter are wrong: try --scene star --locus path"
+    return result.remarked(f"{remark}: {same}. {advice}.", "maybe_pair")
 
 
 def scale_hint(frame: Frame, expected: float) -> str:

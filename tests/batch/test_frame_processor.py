@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_images import star_image
 from refusals import refused
 
 from jitterkit.batch import FrameProcessor, steps
-from jitterkit.batch.diagnose import LIMITS, classify, flag_faint_companion
+from jitterkit.batch.diagnose import LIMITS, classify, flag_faint_companion, flag_motion_along_pair
 from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters
@@ -103,6 +104,49 @@ def test_a_pixel_on_a_star_is_not_left_out_but_named(processor, rng, drawn):
     assert "misfit" in result.flags
     assert "outliers_left_out" not in result.flags
     assert f"x = {column}, y = {row}" in result.message
+
+
+def test_a_pixel_that_moves_the_moments_of_a_star_by_three_errors_is_named(processor, telescope, rng):
+    """The fit of a star hides a part of what is wrong with a pixel of it: 7 of 9 sigmas are left."""
+    q, w = np.polynomial.hermite_e.hermegauss(5)  # a normal blur, by quadrature
+    path = [(0.2 * q[i], 0.15 * q[j], w[i] * w[j] / w.sum() ** 2) for i in range(5) for j in range(5)]
+    image = star_image(0.1, -0.2, 2e5, path) + 20.0
+    counts = rng.poisson(image).astype(float)
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    pixel = row, column + 2
+    counts[pixel] = round(image[pixel] + 9.0 * math.sqrt(image[pixel]))
+    raw = RawFrame.from_array(counts, gain=1.0, read_noise=0.0, bias=0.0, exposure=1.0)
+    result = replace(processor, scene="star").process(raw).result
+    moments, covariance = result.moments()
+    assert moments[0] - 0.04 > 3 * math.sqrt(covariance[0, 0])
+    assert result.chi2_dof < 1.1
+    assert "misfit" in result.flags
+    assert f"x = {pixel[1]}, y = {pixel[0]}" in result.message
+
+
+@pytest.mark.parametrize(("angle", "flagged"), [(30.0, True), (70.0, False)])
+@pytest.mark.parametrize("locus", [Linear.of(0.8, 30.0), Mvn.of(0.23, 0.15, 30.0)], ids=["linear", "mvn"])
+def test_a_pair_that_drifts_along_its_line_may_be_one_star_that_moves_unevenly(
+    locus, angle, flagged, telescope
+):
+    for separation, near in ((1.2, flagged), (8.0, False)):
+        pair = Parameters(Binary(separation, angle, 0.0, 0.0, 1e5, 2.0), locus, np.zeros(2))
+        names = ("separation", "theta", *locus.names)
+        covariance = np.diag([1e-5, 0.04, *np.full(len(locus.names), 1e-6)])
+        fit = FitResult(Status.OK, "fitted.", parameters=pair, names=names, covariance=covariance)
+        assert ("maybe_pair" in flag_motion_along_pair(fit, telescope.optics()).flags) == near
+
+
+def test_a_drift_that_accelerates_is_not_a_pair_without_a_word(telescope, rng):
+    """A star that starts from rest dwells where it starts: two stars that drift along their line fit it."""
+    nodes, shares = np.polynomial.legendre.leggauss(16)
+    way, angle = 1.9 * ((nodes + 1) / 2) ** 2, np.radians(25.0)
+    path = list(zip(way * np.cos(angle), way * np.sin(angle), shares / 2, strict=True))
+    image = rng.poisson(star_image(-0.6, -0.4, 1e5, path) + 20.0)
+    raw = RawFrame.from_array(image.astype(float), gain=1.0, read_noise=0.0, bias=0.0, exposure=1.0)
+    result = FrameProcessor(telescope).process(raw).result
+    assert result.status is Status.OK
+    assert result.parameters.scene.name == "star" or "maybe_pair" in result.flags
 
 
 @pytest.mark.parametrize(

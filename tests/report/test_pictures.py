@@ -1,5 +1,6 @@
 import io
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.frames.frame import Frame
+from jitterkit.loci import LOCI, Stable
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.pictures import choose_pictures, pack_picture, render_pictures
+from jitterkit.report.row import make_row
 
 
 @pytest.mark.parametrize("locus", ["linear", "shm", "mvn", "stable"])
@@ -22,6 +25,19 @@ def test_a_fitted_frame_becomes_one_small_picture(make_fit, locus):
     width, height = Image.open(io.BytesIO(report.picture)).size
     assert width > 3 * height
     assert len(pickle.dumps(report)) < 400_000  # it crosses processes
+
+
+@pytest.mark.parametrize("name", LOCI)
+def test_every_locus_that_a_fit_may_end_with_is_drawn_with_its_kernel(make_fit, name):
+    """Tones and smears are built of two loci: a run that ended with one was not written."""
+    frame, result = make_fit("mvn")
+    assert result.parameters is not None
+    locus = LOCI[name].near(np.array([0.04, 0.01, 0.02]))
+    fitted = replace(result, locus=name, parameters=result.parameters.with_locus(locus))
+    still = replace(fitted, parameters=result.parameters.with_locus(Stable.of()))
+    row = make_row(result, frame.path, frame.index, metadata=frame.metadata)
+    drawn, unmoved = (render_frame(frame, fit, row).picture for fit in (fitted, still))
+    assert (drawn == unmoved) == (name == "stable")
 
 
 def test_a_frame_without_a_fit_shows_its_data():
