@@ -67,6 +67,10 @@ _SHAPED = 3.0
 _MISFIT = 1e-3
 """Chance of its higher cumulants below which a locus does not fit."""
 
+_DOUBTFUL = 0.02
+"""The same, below which loci of the second tier are weighed beside one of the first.  Beside an ellipse they
+always are: one step sees half of what two tones gain over it, and told 8 of 12 frames of such tones."""
+
 _SHARE = 0.05
 """Of chi-squared's excess, that a step in the cumulants must explain: it was 0.1 to 1 where part of a cycle,
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
@@ -243,7 +247,8 @@ def _fit_tiers(
             assert best.parameters is not None
             where = best.parameters, best.names, expanded[best.locus]
             steps[best.locus] = CumulantStep.of(*where, frame.data)
-        fits = not _wants_more(best, steps[best.locus])
+        least = _MISFIT if tier > 1 else 1.0 if best.locus == "ellipse" else _DOUBTFUL
+        fits = not _wants_more(best, steps[best.locus], least)
         last = fits or tier == max(tiers)
         if begin is None and best.locus not in signed and (last or len(signed) == 1):
             signed.add(best.locus)
@@ -256,13 +261,13 @@ def _fit_tiers(
     return replace(_finalize(tried), straight=straight_blur(tried.fits, normal.shape_err, frame))
 
 
-def _wants_more(fit: FitResult, step: CumulantStep) -> bool:
+def _wants_more(fit: FitResult, step: CumulantStep, least: float = _MISFIT) -> bool:
     """Return True if the shape of the blur does not fit, rather than pixels, sky or scale."""
     try:
         lack = step.lack_of_fit()
     except np.linalg.LinAlgError:  # no answer: the fit stands as it is
         return False
-    return lack.chance < _MISFIT and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
+    return lack.chance < least and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
 
 
 def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
