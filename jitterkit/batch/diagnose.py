@@ -175,7 +175,9 @@ def classify(
         message = f"{Status.POOR_FIT.value}: {problem}."
         return replace(result, status=Status.POOR_FIT, message=message, code=ErrorCode.IMPLAUSIBLE)
     outliers = _outlier_hint(frame, result)
-    narrow = _narrow_hint(result)
+    minor, error = minor_variance(*result.moments())
+    is_narrow = result.status is not Status.POOR_FIT and minor < -LIMITS.below * error < 0
+    narrow = TOO_NARROW.format(minor, error) if is_narrow else ""
     too_low = "misfit" in result.flags and result.chi2 < result.dof  # no wrong model does that
     if (outliers or narrow) and result.status is Status.OK and "misfit" not in result.flags:
         result = replace(result, flags=(*result.flags, "misfit"))
@@ -200,6 +202,12 @@ TOO_LOW = (
     "the pixels."
 )
 """Remark on a chi-squared that is lower than noise alone leaves."""
+
+TOO_NARROW = (
+    "The stars are narrower than without jitter (variance {:.2g} ± {:.2g} arcsec²), as pixels "
+    "that respond over less than their width make them, or a pupil larger than the instrument file says; "
+    "the jitter is too small by as much."
+)
 
 
 def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
@@ -279,18 +287,6 @@ def _jitter_hint(result: FitResult) -> str:
         return ""
     size = f"{found.axes[0]:.2g} arcsec rms"
     return f"--locus stable leaves out jitter, of which the frame shows {size}: use --locus auto."
-
-
-def _narrow_hint(result: FitResult) -> str:
-    """Return a sentence where the stars are narrower than without any jitter."""
-    minor, error = minor_variance(*result.moments())
-    if result.status is Status.POOR_FIT or not minor < -LIMITS.below * error < 0:
-        return ""
-    return (
-        f"The stars are narrower than without jitter (variance {minor:.2g} ± {error:.2g} arcsec²), as pixels "
-        "that respond over less than their width make them, or a pupil larger than the instrument file says; "
-        "the jitter is too small by as much."
-    )
 
 
 def _sky_hint(frame: Frame, result: FitResult) -> str:
