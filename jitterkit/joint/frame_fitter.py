@@ -31,6 +31,7 @@ from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, 
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_allow
 from jitterkit.refit.locus_fit import starting_point
+from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
@@ -128,7 +129,13 @@ class FrameFitter:
         if not self.hidden:
             return self
         trial = replace(self, shown=self.hidden)
-        fits = (trial._fit_alone(frame, None)[0] for frame in frames)
+        known = {"known_light": self.known_light, "model_error": self.model_error}
+
+        def fitted(frame: Frame) -> FitResult:
+            fit = fit_without_outliers(frame, lambda one: Fitted(*trial._fit_alone(one, None)), **known)
+            return fit[1].result
+
+        fits = map(fitted, frames)
         fit = next((fit for fit in fits if fit.status.usable and fit.parameters is not None), None)
         if fit is None or fit.parameters is None:
             return self
