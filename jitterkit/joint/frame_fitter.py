@@ -31,6 +31,7 @@ from jitterkit.refit import FitOptions, FitResult, Priors, SceneChoice, Status, 
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import fit_and_allow
 from jitterkit.refit.locus_fit import starting_point
+from jitterkit.refit.outliers import Fitted, fit_without_outliers
 from jitterkit.refit.scene_choice import found_allowing
 from jitterkit.scene import Binary, Stars
 from jitterkit.shutter import Shutter
@@ -121,21 +122,31 @@ class FrameFitter:
         return (*["aberrations_held"] * bool(self.hidden), *["sign_unknown"] * bool(self.shown))
 
     def seeing(self, frames: Iterable[Frame]) -> FrameFitter:
-        """Return the fitter that varies what the first frame that can be fitted shows of hidden aberrations.
+        """Return the fitter that varies hidden aberrations if the first frame that can be fitted shows one.
 
-        Such an aberration shows by its square alone; of what noise makes of it, nothing is to be shared.
+        It shows by its square alone; of what noise makes of it, nothing is to be shared.  Beside one that
+        is real all others show in proportion, by their products with it.
         """
         if not self.hidden:
             return self
         trial = replace(self, shown=self.hidden)
-        fits = (trial._fit_alone(frame, None)[0] for frame in frames)
+
+        def fitted(frame: Frame) -> FitResult:
+            return fit_without_outliers(
+                frame,
+                lambda one: Fitted(*trial._fit_alone(one, None)),
+                known_light=self.known_light,
+                model_error=self.model_error,
+            )[1].result
+
+        fits = map(fitted, frames)
         fit = next((fit for fit in fits if fit.status.usable and fit.parameters is not None), None)
         if fit is None or fit.parameters is None:
             return self
         values = dict(zip(self.optics.nominal.names, np.asarray(fit.parameters.aberrations), strict=False))
         # half the relative error of a square is that of the value
-        shown = [name for name in self.hidden if abs(values[name]) > 2 * _SQUARE * fit.error(name)]
-        return replace(self, shown=tuple(shown))
+        is_shown = any(abs(values[name]) > 2 * _SQUARE * fit.error(name) for name in self.hidden)
+        return trial if is_shown else self
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
