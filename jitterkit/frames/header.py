@@ -233,7 +233,12 @@ def _saturation(
         )
         return None
     known = _in(number, unit.removesuffix("/s") if unit in RATES else unit, gain, bias, cards)
-    largest = _largest(cards) if unit == "adu" else math.inf
+    header, largest = cards.layers[0][0], math.inf  # these cards are of their own image only
+    bits = header.get("ZBITPIX", header.get("BITPIX", -32))
+    scale, zero = header.get("BSCALE", 1.0), header.get("BZERO", 0.0)
+    numbers = all(isinstance(number, int | float) for number in (bits, scale, zero))
+    if unit == "adu" and numbers and bits >= 8 and scale > 0:  # floats have no largest
+        largest = zero + scale * (2.0 ** (bits if bits == 8 else bits - 1) - 1)
     if known is not None and known.value > largest:
         said = f"{number.key} = {known.value:g} ADU is above the largest number of the stored integers"
         cards.warnings.append(f"{said}, {largest:g}, which is used")
@@ -245,16 +250,6 @@ def _saturation(
         return None
     cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
-
-
-def _largest(cards: Cards) -> float:
-    """Return the largest number that the integers of an image stand for; infinite of floats."""
-    header = cards.layers[0][0]  # these are of their own image only
-    bits = header.get("ZBITPIX", header.get("BITPIX", -32))
-    scale, zero = header.get("BSCALE", 1.0), header.get("BZERO", 0.0)
-    if not all(isinstance(number, int | float) for number in (bits, scale, zero)) or bits < 8 or scale <= 0:
-        return math.inf
-    return zero + scale * (2.0 ** (bits if bits == 8 else bits - 1) - 1)
 
 
 _SUBTRACTED = re.compile(r"(?<!\bbe )(?<!\bnot )(?<!\byet )\b(subtracted|removed)\b", re.I)

@@ -53,7 +53,7 @@ _CODES = {
 STRAIGHT = {"linear": -1.2, "shm": -1.5}
 """Excess kurtosis of a drift and of a vibration, along their axis: their moments differ by it."""
 
-_TOLD, _POSSIBLE = 0.075, 0.05
+TOLD, _POSSIBLE = 0.075, 0.05
 """Error of a kurtosis from which a frame may take one for the other, a quarter of their difference: two in a
 hundred do, and move the mean of all moments by a tenth of an error.  Weight of both together from which a
 blur may be straight: which of them has more does not matter, because frames that are sure by chance belong
@@ -291,7 +291,7 @@ class FitResult:
         weights = [c.weight for name, c in likely.items() if name in STRAIGHT]
         possible = len(weights) == len(STRAIGHT) and sum(weights) > _POSSIBLE
         own, shown = (STRAIGHT | {"mvn": 0.0}).get(self.locus), self.straight
-        if possible and own is not None and shown is not None and shown.error > _TOLD:
+        if possible and own is not None and shown is not None and shown.error > TOLD:
             moments = moments + (shown.kurtosis - own) * shown.slope
             covariance = covariance + shown.error**2 * np.outer(shown.slope, shown.slope)
             likely = {name: c for name, c in likely.items() if name not in (*STRAIGHT, "mvn")}

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 import equinox as eqx
 import numpy as np
 
-from jitterkit.forward import expected_image
-from jitterkit.likelihood import Data, pearson
+from jitterkit.forward import expected_image, parameter_names, to_vector
+from jitterkit.likelihood import Data, known_information, pearson
 from jitterkit.optics import Optics
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import FrameFits
-from jitterkit.refit.result import STRAIGHT, FitResult, Status, StraightBlur
+from jitterkit.refit.result import STRAIGHT, TOLD, FitResult, Status, StraightBlur
 from jitterkit.squares import free_squares
 
 _LEAST = 0.01
@@ -95,8 +95,11 @@ def straight_blur(fits: Mapping[str, FitResult], error: float, frame: FrameFits)
     settings = frame.optics, frame.options.hold, frame.options.priors.over
     apart = (unit / error) ** 2
     if near.residual is not None and far.residual is not None:
-        apart = max(float(np.nansum((near.residual - far.residual) ** 2)), 1e-300)
-        if near.status is Status.OK and not near.model_error:
+        moved, stiffness, on_moments = _known(near, far, frame)
+        known = moved @ (stiffness * moved) + change @ on_moments @ change
+        apart = max(float(np.nansum((near.residual - far.residual) ** 2)) + known, 1e-300)
+        unsure = abs(unit) > TOLD / 2 * math.sqrt(apart)  # free squares may double the error
+        if unsure and near.status is Status.OK and not near.model_error:
             free = free_squares(near.parameters, near.names, frame.data, *settings)
     if free is None:
         way = (excess + apart) / 2
@@ -104,17 +107,40 @@ def straight_blur(fits: Mapping[str, FitResult], error: float, frame: FrameFits)
         # the images of fits are of first order in aberrations that show by their squares
         images = [_image(fit, frame) for fit in (near, far)]
         close, distant = (pearson(image, frame.data) for image in images)
-        toward = eqx.tree_at(lambda data: data.electrons, frame.data, images[1])
-        along = free_squares(near.parameters, near.names, toward, *settings)
-        assert along is not None  # by the same information as the other
+        scores = []
+        for image in images:
+            data = eqx.tree_at(lambda data: data.electrons, frame.data, image)
+            seen = free_squares(near.parameters, near.names, data, *settings)
+            assert seen is not None  # by the same information as the frame's own
+            scores.append(seen.score)
+        of_priors = dict(zip(near.names, stiffness * moved, strict=True))
+        along = scores[1] - scores[0] + [of_priors.get(name, 0.0) for name in free.names]
+        along = along + free.moments.T @ on_moments @ change
         excess += (close.chi2 - near.chi2) - (distant.chi2 - far.chi2)
-        apart = float(np.nansum((close.residual - distant.residual) ** 2))
-        taken = along.whole @ along.score
-        way = (excess + apart) / 2 - along.score @ free.step
-        apart -= min(taken @ along.score, (1 - _LEAST) * apart)
+        apart = float(np.nansum((close.residual - distant.residual) ** 2)) + known
+        taken = free.whole @ along
+        way = (excess + apart) / 2 - along @ free.step
+        apart -= min(taken @ along, (1 - _LEAST) * apart)
         change = change - free.moments @ taken
     # objectives are squares of the distance from what is shown: ``way`` is that, times the way to the far one
     return StraightBlur(here + unit * way / apart, abs(unit) / math.sqrt(apart), change / unit)
+
+
+def _known(near: FitResult, far: FitResult, frame: FrameFits) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return changes of parameters (p,) from one fit to another, and what is known beforehand of them.
+
+    As the inverse of variances (p,), and of the covariance (3, 3) of the moments.
+    """
+    otf, p, q = frame.optics.nominal, near.parameters, far.parameters
+    assert p is not None
+    assert q is not None
+    here, there = (
+        dict(zip(parameter_names(x, otf.names), np.asarray(to_vector(x)[0]), strict=True)) for x in (p, q)
+    )
+    moved = np.array([there.get(name, here[name]) - here[name] for name in near.names])
+    prior, places = frame.options.priors.over(near.names), [list(here).index(name) for name in near.names]
+    stiffness = np.diag(prior.precision) + np.diag(known_information(p, otf, tuple(places)))
+    return moved, stiffness, np.asarray(prior.moments_precision)
 
 
 def _image(fit: FitResult, frame: FrameFits) -> np.ndarray:
