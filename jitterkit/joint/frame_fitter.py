@@ -176,7 +176,10 @@ class FrameFitter:
         if fit.parameters is None or not fit.status.usable:
             return fit, otf
         values = _alike(self.values_of(fit.parameters), near)
-        return self.refit(frame, self.at(fit.parameters, values), otf)
+        if near is not None and sum(values[name] * near[name] for name in self.shown) < 0:
+            values |= {name: -values[name] for name in self.shown}  # no image shows their signs
+        start = self.at(fit.parameters, values)
+        return self.refit(frame, start, self.optics.otf(np.asarray(start.aberrations)) if self.shown else otf)
 
     def _fit_alone(
         self, frame: Frame, shutter: Shutter | None, *, is_pair: bool = False

@@ -442,6 +442,21 @@ def test_astigmatism_shows_beside_a_focus_and_is_shared_too(telescope):
         assert np.all(np.abs(record.moments - [0.05**2, 0.0, 0.05**2]) < 0.1 * record.moment_errors)
 
 
+def test_a_frame_that_is_searched_anew_has_the_signs_of_the_others(telescope):
+    pupil = obstructed_circle(0.125, 0.04, noll=(4, 7), samples=64)
+    optics = replace(telescope, pupil_from=lambda: pupil).system()
+    state = np.array([20.0, 0.0])
+    (one,) = exposures(optics, 1, None, loci=[Mvn.of(0.05)], states=[state])
+    fitter = FrameFitter(optics, scene="binary", shown=("noll4",))
+    first, _ = fitter.fit_first(one.frame, None)
+    values = fitter.values_of(first.parameters)
+    for sign in (1.0, -1.0):
+        near = values | {"noll4": sign * 20.0}
+        fit, _ = fitter.fit_first(one.frame, None, near)
+        assert fit.status is Status.OK
+        assert float(fit.parameters.aberrations[0]) == pytest.approx(sign * 20.0, abs=0.1)
+
+
 @pytest.mark.slow
 def test_what_is_known_of_the_colours_counts_once(telescope, rng):
     """Frames too faint to show a colour leave it as it is known, however many they are."""
