@@ -208,6 +208,7 @@ TOO_NARROW = (
     "that respond over less than their width make them, or a pupil larger than the instrument file says; "
     "the jitter is too small by as much."
 )
+"""Remark on a variance of the pointing below zero: it and its error, arcsec²."""
 
 
 def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:

@@ -42,7 +42,7 @@ _STRAIGHT = ("stable", "path", *(name for name, choice in CHOICES.items() if cho
 
 _SQUARE = 2.0
 """Errors by which the square of an aberration must differ from zero to be varied: to vary noise costs little,
-and what is held makes moments of a frame wrong by as many errors."""
+and a focus that is held makes moments of a frame wrong by about as many errors."""
 
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
