@@ -57,6 +57,18 @@ def test_a_program_has_the_same_name_whatever_the_folder(kind, tmp_path):
     assert names[0] == names[1] != set()
 
 
+@pytest.mark.parametrize("given", ["", "--xla_cpu_enable_fast_math=false"])
+def test_a_command_compiles_quickly_unless_the_environment_says_how(given):
+    """XLA would end the process if it did not know an option."""
+    code = COMPILE.format(use="", configure="from jitterkit.cli.runtime import prepare_jax; prepare_jax()")
+    code += "import os; print(os.environ['XLA_FLAGS'])"
+    run = [sys.executable, "-c", code]
+    told = subprocess.run(
+        run, env=os.environ | {"XLA_FLAGS": given}, check=True, capture_output=True, text=True
+    )
+    assert told.stdout.strip() == given or (not given and "--xla_" in told.stdout)
+
+
 def test_an_incomplete_program_is_published_once_it_is_complete(tmp_path):
     store = Store(tmp_path / "store", 10**6)
     _write(tmp_path / "one", "a", PROGRAM[:-5])

@@ -69,6 +69,7 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         self.directory = os.getcwd()
         self.computed = _computed_with()
         self.configured = {name: getattr(jax.config, name) for name in _SHARED}
+        self.xla_flags = os.environ.get("XLA_FLAGS", "")
 
     def setup(self, worker: Any) -> None:
         # no digit depends on these: otherwise XLA would start as many threads as there are processors in
@@ -76,6 +77,7 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         # of its own would wait for each other
         os.environ.setdefault("NPROC", str(worker.state.nthreads))
         os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
+        os.environ.setdefault("XLA_FLAGS", self.xla_flags)
         for name, value in self.configured.items():
             jax.config.update(name, value)
         self.home = os.getcwd()
