@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
-from jitterkit.optics.expansion import centring, derivatives_at, shift_slopes, wavelength_curvature
+from jitterkit.optics.expansion import centring, derivatives_at, shift_effects
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, Further, with_further
 from jitterkit.optics.system import OpticalSystem
@@ -89,8 +89,7 @@ class Anchor(eqx.Module):
         tinted = system.colours is not None
         spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
         where = system.pupil, system.spectrum, grid, state, system.further
-        shifts = shift_slopes(*where, order=1, chromatic=tinted)
-        bend = wavelength_curvature(*where[:-1]) if system.further.wavelength_sigma else None
+        shifts, bend = shift_effects(*where, spectra[0, 0], order=1, chromatic=tinted)
         if system.diffusion:
             fy, fx = grid.frequencies
             blur = Mvn.of(system.diffusion).transfer(fx, fy)
