@@ -14,6 +14,7 @@ from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -23,7 +24,6 @@ from jitterkit.loci.base import moments_and_slope
 from jitterkit.metric import Prior, invert_information
 from jitterkit.optics import AnchoredOptics, OpticalSystem, Optics
 from jitterkit.optics.otf import OTF
-from jitterkit.precision import to_parts
 
 _REACH = 4.0
 """Of the spread of a mode that only its square shows: noise hardly makes larger values."""
@@ -49,24 +49,24 @@ class FreeSquares(NamedTuple):
         Of their new values.
     names : tuple of str
         Of everything that the step varies, such aberrations and their products included.
-    score : (q,) array
-        Slope of the frame's log-likelihood by them where it was fitted.
     step : (q,) array
         The way from there.
     whole : (q, q) array
         Covariance of their new values.
     moments : (3, q) array
         Derivatives of the moments ``(Sxx, Sxy, Syy)`` by them.
+    frame : _Frame
+        Where the frame was fitted.
     """
 
     places: np.ndarray
     change: np.ndarray
     covariance: np.ndarray
     names: tuple[str, ...]
-    score: np.ndarray
     step: np.ndarray
     whole: np.ndarray
     moments: np.ndarray
+    frame: _Frame
 
     def added_to(
         self, parameters: Parameters, names: tuple[str, ...], aberrations: tuple[str, ...]
@@ -74,7 +74,14 @@ class FreeSquares(NamedTuple):
         """Return the parameters with the changes, where those of the given names were fitted."""
         vector, rebuild = to_vector(parameters)
         every = parameter_names(parameters, aberrations)
-        return rebuild(vector.at[np.array([every.index(names[i]) for i in self.places])].add(self.change))
+        values = np.array(vector)
+        values[[every.index(names[i]) for i in self.places]] += self.change
+        return jax.tree.map(np.asarray, rebuild(values))  # what follows are small sums
+
+    def score_of(self, data: Data) -> np.ndarray:
+        """Return the slope (q,) of other data's log-likelihood, where the frame was fitted."""
+        score, _ = self.frame.evaluate(data)
+        return score[[self.frame.names.index(name) for name in self.names]]
 
 
 PriorOver = Callable[..., Prior]
@@ -152,16 +159,17 @@ def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.
     otf, pairs = optics.otf(state), list(combinations_with_replacement(even, 2))
     if isinstance(optics, AnchoredOptics):
         i, j = np.transpose(pairs)
-        rows = optics.anchor.curvature[i, j] * np.where(i == j, 0.5, 1.0)[:, None, None, None]
+        rows = np.asarray(optics.anchor.curvature[i, j]) * np.where(i == j, 0.5, 1.0)[:, None, None, None]
     else:
-        rows = to_parts(jnp.stack(_products(optics, otf, state, pairs, _STEP / phase)))
+        products = np.stack(_products(optics, otf, state, pairs, _STEP / phase))
+        rows = np.stack([products.real, products.imag], axis=1)
     tints = otf.tints
     if tints is not None:
-        tints = jnp.concatenate([tints[:1], jnp.zeros((len(pairs), *tints.shape[1:])), tints[1:]])
+        tints = jnp.asarray(np.insert(tints, np.ones(len(pairs), int), 0.0, axis=0))
     return replace(
         otf,
-        slopes=jnp.concatenate([rows.astype(otf.slopes.dtype), otf.slopes]),
-        state=jnp.concatenate([jnp.zeros(len(pairs)), otf.state]),
+        slopes=jnp.asarray(np.concatenate([rows.astype(otf.slopes.dtype), otf.slopes])),
+        state=jnp.asarray(np.concatenate([np.zeros(len(pairs)), otf.state])),
         names=(*(_product(otf.names, i, j) for i, j in pairs), *otf.names),
         tints=tints,
         of_b=tuple(place + len(pairs) for place in otf.of_b),
@@ -175,12 +183,12 @@ def _about_zero(otf: OTF, state: np.ndarray, even: list[int], modes: list[int]) 
     A step from the fit is right where they are real; from zero, it would be off by their fourth powers.
     """
     pairs = list(combinations_with_replacement(even, 2))
-    slopes = otf.slopes
+    slopes = np.array(otf.slopes)
     for row, (i, j) in zip(slopes, pairs, strict=False):
         if i in modes and j in modes:
-            slopes = slopes.at[len(pairs) + i].add(-row * float(state[j]))
-            slopes = slopes.at[len(pairs) + j].add(-row * float(state[i]))
-    return replace(otf, slopes=slopes)
+            slopes[len(pairs) + i] -= row * state[j]
+            slopes[len(pairs) + j] -= row * state[i]
+    return replace(otf, slopes=jnp.asarray(slopes))
 
 
 def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int, int]], steps: np.ndarray):
@@ -192,8 +200,9 @@ def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int
     def even_part(modes: set[int]):
         step = np.zeros_like(state)
         step[list(modes)] = steps[list(modes)]
-        ahead, behind = (optics.otf(state + way, derivatives=False).value for way in (step, -step))
-        return (ahead + behind) / 2 - otf.value
+        nearby = (optics.otf(state + way, derivatives=False) for way in (step, -step))
+        ahead, behind = (np.asarray(one.value) for one in nearby)
+        return (ahead + behind) / 2 - np.asarray(otf.value)
 
     alone = {i: even_part({i}) for i, j in pairs if i == j}
     both = (alone[i] if i == j else even_part({i, j}) - alone[i] - alone[j] for i, j in pairs)
@@ -205,6 +214,10 @@ class _Frame(NamedTuple):
 
     Attributes
     ----------
+    parameters : Parameters
+        With products of modes, which are zero.
+    otf : OTF
+        That has them.
     optics : tuple of str
         Names of the aberrations.
     names : tuple of str
@@ -212,6 +225,8 @@ class _Frame(NamedTuple):
     values, score, information : (q,), (q,), (q, q) array
     """
 
+    parameters: Parameters
+    otf: OTF
     optics: tuple[str, ...]
     names: tuple[str, ...]
     values: np.ndarray
@@ -230,15 +245,22 @@ class _Frame(NamedTuple):
         """Evaluate a fit by optics that have products of even modes."""
         count = len(otf.names) - len(parameters.aberrations)
         products, optics = otf.names[:count], otf.names[count:]
-        aberrations = jnp.concatenate([jnp.zeros(count), jnp.asarray(parameters.aberrations)])
+        aberrations = np.concatenate([np.zeros(count), parameters.aberrations])
         parameters = eqx.tree_at(lambda p: p.aberrations, parameters, aberrations)
         every = parameter_names(parameters, otf.names)
         wanted = {*names, *products, *(optics[i] for i in even)}
         free = tuple(i for i, name in enumerate(every) if name in wanted)
-        equations = normal_equations(parameters, otf, data, free, exact=False)
         values = np.asarray(to_vector(parameters)[0])[list(free)]
-        told = np.asarray(equations.score), np.asarray(equations.information)
-        return cls(optics, tuple(every[i] for i in free), values, *told)
+        frame = cls(parameters, otf, optics, tuple(every[i] for i in free), values, values, values)
+        score, information = frame.evaluate(data)
+        return frame._replace(score=score, information=information)
+
+    def evaluate(self, data: Data) -> tuple[np.ndarray, np.ndarray]:
+        """Return score (q,) and information (q, q) of data."""
+        every = parameter_names(self.parameters, self.otf.names)
+        free = tuple(every.index(name) for name in self.names)
+        equations = normal_equations(self.parameters, self.otf, data, free, exact=False)
+        return np.asarray(equations.score), np.asarray(equations.information)
 
     def information_on(
         self, modes: list[int], fitted: tuple[str, ...], prior_over: PriorOver
@@ -286,9 +308,8 @@ class _Frame(NamedTuple):
         covariance, sound = invert_information(self.information[np.ix_(index, index)] + known)
         if not sound:
             return None
-        score = self.score[index]
-        step = covariance @ (score - pull)
+        step = covariance @ (self.score[index] - pull)
         free = np.array([i for i, name in enumerate(fitted) if name not in weak])
         mine = [names.index(fitted[i]) for i in free]
         own = covariance[np.ix_(mine, mine)]
-        return FreeSquares(free, step[mine], own, names, score, step, covariance, slope)
+        return FreeSquares(free, step[mine], own, names, step, covariance, slope, self)

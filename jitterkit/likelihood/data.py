@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jitterkit.frames.frame import Frame
+from jitterkit.precision import array_module
 
 _FLOOR = 1e-6
 """Smallest expected count, as a share of the frame's mean: ringing must not make it negative."""
@@ -203,13 +204,14 @@ def clears(mean, data: Data):
 
 
 def _floor(image, data: Data):
-    count = jnp.maximum(jnp.sum(data.used), 1)
-    typical = jnp.sum(jnp.where(data.used, jnp.abs(image + data.offset), 0.0)) / count
-    return _FLOOR * typical + jnp.finfo(image.dtype).tiny
+    xp = array_module(image)
+    count = xp.maximum(xp.sum(data.used), 1)
+    typical = xp.sum(xp.where(data.used, xp.abs(image + data.offset), 0.0)) / count
+    return _FLOOR * typical + np.finfo(image.dtype).tiny
 
 
 def mean_counts(image, data: Data):
-    return jnp.maximum(image + data.offset, _floor(image, data))
+    return array_module(image).maximum(image + data.offset, _floor(image, data))
 
 
 def pixel_variance(mean, data: Data):

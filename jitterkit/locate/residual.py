@@ -229,7 +229,7 @@ class Residual:
 
     @cached_property
     def _counts(self) -> np.ndarray:
-        return np.asarray(mean_counts(np.maximum(self.image, 0.0), self.data))
+        return mean_counts(np.maximum(self.image, 0.0), self.data)
 
     @cached_property
     def _weight(self) -> np.ndarray:

@@ -107,12 +107,9 @@ def straight_blur(fits: Mapping[str, FitResult], error: float, frame: FrameFits)
         # the images of fits are of first order in aberrations that show by their squares
         images = [_image(fit, frame) for fit in (near, far)]
         close, distant = (pearson(image, frame.data) for image in images)
-        scores = []
-        for image in images:
-            data = eqx.tree_at(lambda data: data.electrons, frame.data, image)
-            seen = free_squares(near.parameters, near.names, data, *settings)
-            assert seen is not None  # by the same information as the frame's own
-            scores.append(seen.score)
+        scores = [
+            free.score_of(eqx.tree_at(lambda data: data.electrons, frame.data, image)) for image in images
+        ]
         of_priors = dict(zip(near.names, stiffness * moved, strict=True))
         along = scores[1] - scores[0] + [of_priors.get(name, 0.0) for name in free.names]
         along = along + free.moments.T @ on_moments @ change
