@@ -80,8 +80,9 @@ class FreeSquares(NamedTuple):
 
     def score_of(self, data: Data) -> np.ndarray:
         """Return the slope (q,) of other data's log-likelihood, where the frame was fitted."""
-        score, _ = self.frame.evaluate(data)
-        return score[[self.frame.names.index(name) for name in self.names]]
+        frame = self.frame
+        score, _ = _told(frame.parameters, frame.otf, frame.names, data)
+        return score[[frame.names.index(name) for name in self.names]]
 
 
 PriorOver = Callable[..., Prior]
@@ -209,6 +210,16 @@ def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int
     return [change / (steps[i] * steps[j]) for change, (i, j) in zip(both, pairs, strict=True)]
 
 
+def _told(
+    parameters: Parameters, otf: OTF, names: tuple[str, ...], data: Data
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what data say of parameters of some names: score (q,) and information (q, q)."""
+    every = parameter_names(parameters, otf.names)
+    free = tuple(every.index(name) for name in names)
+    equations = normal_equations(parameters, otf, data, free, exact=False)
+    return np.asarray(equations.score), np.asarray(equations.information)
+
+
 class _Frame(NamedTuple):
     """Hold what a frame says, about a fit, of everything that was fitted and of products of modes.
 
@@ -249,18 +260,9 @@ class _Frame(NamedTuple):
         parameters = eqx.tree_at(lambda p: p.aberrations, parameters, aberrations)
         every = parameter_names(parameters, otf.names)
         wanted = {*names, *products, *(optics[i] for i in even)}
-        free = tuple(i for i, name in enumerate(every) if name in wanted)
-        values = np.asarray(to_vector(parameters)[0])[list(free)]
-        frame = cls(parameters, otf, optics, tuple(every[i] for i in free), values, values, values)
-        score, information = frame.evaluate(data)
-        return frame._replace(score=score, information=information)
-
-    def evaluate(self, data: Data) -> tuple[np.ndarray, np.ndarray]:
-        """Return score (q,) and information (q, q) of data."""
-        every = parameter_names(self.parameters, self.otf.names)
-        free = tuple(every.index(name) for name in self.names)
-        equations = normal_equations(self.parameters, self.otf, data, free, exact=False)
-        return np.asarray(equations.score), np.asarray(equations.information)
+        asked = tuple(name for name in every if name in wanted)
+        values = np.asarray(to_vector(parameters)[0])[[every.index(name) for name in asked]]
+        return cls(parameters, otf, optics, asked, values, *_told(parameters, otf, asked, data))
 
     def information_on(
         self, modes: list[int], fitted: tuple[str, ...], prior_over: PriorOver

@@ -166,8 +166,8 @@ def shift_effects(
 ) -> tuple[Complex[Array, "c s p my mx"], Complex[Array, "my mx"] | None]:
     """Differentiate what :func:`derivatives_at` has to an order by shifts of wavelength and plate scale.
 
-    Differences of the transfer function itself take a third of the time of derivatives by the chain rule, and
-    no programs of their own.
+    Differences of the transfer function itself take two fifths of the time of derivatives by the chain rule,
+    and no programs of their own.
 
     Parameters
     ----------
