@@ -72,12 +72,13 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         self.xla_flags = os.environ.get("XLA_FLAGS", "")
 
     def setup(self, worker: Any) -> None:
+        self._compare(worker.address, versions())  # another XLA may lack an option, and not start
+        os.environ.setdefault("XLA_FLAGS", self.xla_flags)
         # no digit depends on these: otherwise XLA would start as many threads as there are processors in
         # every process, and take three quarters of a GPU; with fewer threads than the worker has, programs
         # of its own would wait for each other
         os.environ.setdefault("NPROC", str(worker.state.nthreads))
         os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
-        os.environ.setdefault("XLA_FLAGS", self.xla_flags)
         for name, value in self.configured.items():
             jax.config.update(name, value)
         self.home = os.getcwd()
@@ -97,12 +98,14 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
                 f"The worker {address} does not see {self.probe}: files must be readable there under the "
                 "same path; mount the file system there, or give a path that is the same everywhere.",
             )
-        here = _computed_with()
-        for name in self.computed:
-            if here.get(name) != self.computed[name]:
+        self._compare(address, _computed_with())
+
+    def _compare(self, address: str, here: dict[str, str]) -> None:
+        for name, own in here.items():
+            if own != self.computed[name]:
                 raise ConfigurationError(
                     ErrorCode.CONFLICT,
-                    f"The worker {address} computes with {name} {here.get(name)}, this process with "
+                    f"The worker {address} computes with {name} {own}, this process with "
                     f"{self.computed[name]}, which changes the last digits; make them the same.",
                 )
 
@@ -110,7 +113,7 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
 def _computed_with() -> dict[str, str]:
     """Return what the last digits depend on."""
     (device,) = jnp.zeros(()).devices()
-    return {**versions(), "device": device.platform}
+    return {**versions(), "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""), "device": device.platform}
 
 
 def work(name: str, part: Part, finish: Finish[T]) -> tuple[list[T], Part, str]:

@@ -36,6 +36,8 @@ _ARENA_MAX = -8
 def prepare_jax(device: str | None = None, float32: bool = False, single_threaded: bool = False) -> None:
     """Choose where to compute and with what numbers, and keep compiled programs for the next start.
 
+    It also has XLA compile quickly, unless ``XLA_FLAGS`` says how, and Python look for garbage less often.
+
     Parameters
     ----------
     device : str, optional
@@ -51,7 +53,9 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
         If there is no such device.
     """
     _share_heaps()
-    gc.set_threshold(200_000, 10, 10)  # tracing makes many objects, few garbage: 5 % of a first frame's time
+    gc.set_threshold(
+        200_000, 10, 10
+    )  # tracing makes many objects, little garbage: 5 % of a first frame's time
     if single_threaded:
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax

@@ -24,10 +24,9 @@ _DEPENDENT = 1e-10
 """Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""
 
 
-_SHIFT = 0.005, 0.025
+_SHIFT = {64: (0.005, 0.025), 32: (0.5, 0.5)}
 """Change of the scale of an image, for differences of transfer functions and of their derivatives, in fine
-samples along its side.  Of the largest, the former are then right to 5e-7 (second differences to 1.4e-6), the
-latter, which have 32 bits, to 6e-4, as measured on TOLIMAN, a small telescope and one of 18 hexagons."""
+samples along its side, by the bits of a number; derivatives have 32."""
 
 
 def grid_for(
@@ -190,7 +189,7 @@ def shift_effects(
     slopes, bend = [], None
 
     def differences(order: int, longer: float, wider: float):
-        size = _SHIFT[order] / max(grid.fine_shape)
+        size = _SHIFT[np.finfo(value.dtype).bits][order] / max(grid.fine_shape)
         step = np.asarray(size * (spectrum.mean if longer else 1.0))
         ahead, behind = (
             derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=chromatic, shifts=shifts)

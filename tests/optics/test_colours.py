@@ -1,5 +1,8 @@
 """The spectral index of a star: in the optics, against spectra that are tilted by hand."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.instruments import load_instrument
 from jitterkit.optics import Anchor, Colours, Grid, OpticalSystem, Spectrum, expand, flat_band, lines
 from jitterkit.optics.colours import blackbody_index, colours_of
 
@@ -140,6 +144,26 @@ def test_the_slope_by_the_wavelength_is_that_of_differences(system):
     assert largest(otf.chromatic[-1] - tinted) < 1e-6 * largest(tinted)
     bend = (up - 2 * here + down) / step**2
     assert largest(otf.bend - bend) < 1e-4 * largest(bend)
+
+
+IN_32_BITS = """
+import sys
+import numpy as np
+from jitterkit.instruments import load_instrument
+
+otf = load_instrument("smallsat").system().otf(None)
+np.savez(sys.argv[1], slope=otf.jacobian[-1], bend=otf.bend)
+"""
+
+
+def test_derivatives_by_the_wavelength_hold_in_32_bits(tmp_path):
+    path, otf = tmp_path / "slopes.npz", load_instrument("smallsat").system().otf(None)
+    command = [sys.executable, "-c", IN_32_BITS, str(path)]
+    subprocess.run(command, env={**os.environ, "JAX_ENABLE_X64": "0"}, check=True)
+    told, sigma = np.load(path), otf.sigmas[-1]
+    assert told["bend"].dtype == np.complex64
+    assert largest(told["slope"] - otf.jacobian[-1]) < 1e-3 * largest(otf.jacobian[-1])
+    assert largest(told["bend"] - otf.bend) * sigma**2 / 2 < 1e-6  # of the transfer function, at one sigma
 
 
 @pytest.mark.parametrize("index", [0.0, 3.0])
