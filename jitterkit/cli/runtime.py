@@ -53,9 +53,8 @@ def prepare_jax(device: str | None = None, float32: bool = False, single_threade
         If there is no such device.
     """
     _share_heaps()
-    gc.set_threshold(
-        200_000, 10, 10
-    )  # tracing makes many objects, little garbage: 5 % of a first frame's time
+    # tracing makes many objects and little garbage: to look for it took 5 % of a first frame's time
+    gc.set_threshold(200_000, 10, 10)
     if single_threaded:
         os.environ.setdefault("NPROC", "1")  # read when XLA first computes
     import jax

@@ -23,10 +23,11 @@ from jitterkit.precision import single, to_parts
 _DEPENDENT = 1e-10
 """Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""
 
-
 _SHIFT = {64: (0.005, 0.025), 32: (0.5, 0.5)}
 """Change of the scale of an image, for differences of transfer functions and of their derivatives, in fine
-samples along its side, by the bits of a number; derivatives have 32."""
+samples along its side, by the bits of a number; derivatives have 32.  Of the largest, in 64 bits, differences
+of transfer functions are right to 5e-7, second ones to 1.4e-6 and those of derivatives to 6e-4 (TOLIMAN, a
+small telescope, 18 hexagons); in 32 bits to 4e-4, second ones to 4 % (the small telescope)."""
 
 
 def grid_for(
