@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -129,7 +127,6 @@ def relinearised_scoring(
             known=known,
             errors=errors,
         )
-        end = jax.tree.map(np.asarray, end)  # what follows are small sums, which JAX does slowly
         iterations += int(end.iterations)
         start, known = end.parameters, end.information
         error = linearisation_error(optics, start, otf)
@@ -145,7 +142,7 @@ def relinearised_scoring(
             otf = optics.near(there, otf)
         else:
             otf, slopes_at = optics.otf(there), there
-    return Expanded(end._replace(converged=jnp.asarray(False)), otf, iterations)
+    return Expanded(end._replace(converged=np.asarray(False)), otf, iterations)
 
 
 def _extrapolated(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jitterkit.forward import Parameters, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance_and_score, information_at
+from jitterkit.loci.simple import AnySimple
 from jitterkit.metric import LEAST_DAMPING, Metric, Prior, invert_information
 from jitterkit.optics.otf import OTF
 
@@ -59,12 +60,12 @@ class ScoringResult(NamedTuple):
     """
 
     parameters: Parameters
-    information: Float[Array, "p p"]
-    curvature: Float[Array, "p p"]
-    objective: Float[Array, ""]
-    score: Float[Array, " p"]
-    converged: Bool[Array, ""]
-    iterations: Int[Array, ""]
+    information: Float[Array | np.ndarray, "p p"]
+    curvature: Float[Array | np.ndarray, "p p"]
+    objective: Float[Array | np.ndarray, ""]
+    score: Float[Array | np.ndarray, " p"]
+    converged: Bool[Array | np.ndarray, ""]
+    iterations: Int[Array | np.ndarray, ""]
 
 
 class _Point(NamedTuple):
@@ -150,7 +151,40 @@ def fisher_scoring(
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
     limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)
-    return _scoring_loop(start, otf, data, free, prior, known, *limits)
+    simple = AnySimple.instead_of(start.locus)  # nor is another of these loci
+    if simple is None:
+        return _in_numpy(_scoring_loop(start, otf, data, free, prior, known, *limits))
+    filled, own = _filled_up(start, simple, free)
+    square = np.ix_(own, own)
+    mean, precision, wider = np.zeros(len(filled)), np.eye(len(filled)), np.zeros((len(filled), len(filled)))
+    mean[own], precision[square], wider[square] = prior.mean, prior.precision, known
+    prior = Prior(mean, precision, prior.moments, prior.moments_precision)
+    end = _in_numpy(_scoring_loop(start.with_locus(simple), otf, data, filled, prior, wider, *limits))
+    coords = end.parameters.locus.coords[: len(start.locus.names)]
+    return end._replace(
+        parameters=end.parameters.with_locus(start.locus.at(coords)),
+        information=end.information[square],
+        curvature=end.curvature[square],
+        score=end.score[own],
+    )
+
+
+def _filled_up(
+    start: Parameters, simple: AnySimple, free: tuple[int, ...]
+) -> tuple[tuple[int, ...], np.ndarray]:
+    """Return the positions of what varies with a locus in its common form, and which of these are its own."""
+    size = len(start.locus.names)
+    first = sum(np.size(leaf) for leaf in jax.tree.leaves(start.scene)) + size
+    lacking = range(first, first + len(simple.names) - size)
+    before = sum(index < first for index in free)
+    filled = (*free[:before], *lacking, *(index + len(lacking) for index in free[before:]))
+    own = np.delete(np.arange(len(filled)), range(before, before + len(lacking)))
+    return filled, own
+
+
+def _in_numpy(end: ScoringResult) -> ScoringResult:
+    """Return a result as arrays of NumPy, with which small sums are fast; within a program as it is."""
+    return end if isinstance(end.objective, jax.core.Tracer) else jax.tree.map(np.asarray, end)
 
 
 @eqx.filter_jit

@@ -202,10 +202,31 @@ def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:
     return 2 * np.pi * cycles * (np.arange(n) + 0.5) / n + rng.uniform(0, 2 * np.pi)
 
 
-class Stable(Locus):
+class OfVariance(Locus):
+    """A locus whose transfer function depends on the variance ``f'Σf`` along a frequency alone.
+
+    Attributes
+    ----------
+    profile : callable
+        The transfer function by that variance (class attribute).
+    """
+
+    profile: ClassVar[staticmethod]
+
+    def variance_along(self, fx, fy):
+        """Return ``f'Σf``, Σ the second moments."""
+        sxx, sxy, syy = self.moments()
+        return sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2
+
+    def transfer(self, fx, fy):
+        return type(self).profile(self.variance_along(fx, fy))
+
+
+class Stable(OfVariance):
     """A telescope that stands still: ``M = 1``."""
 
     names: ClassVar[tuple[str, ...]] = ()
+    profile = staticmethod(jnp.ones_like)
 
     @classmethod
     def of(cls) -> Self:
@@ -215,9 +236,6 @@ class Stable(Locus):
     @classmethod
     def near(cls, moments) -> Self:
         return cls.of()
-
-    def transfer(self, fx, fy):
-        return jnp.ones(jnp.broadcast_shapes(jnp.shape(fx), jnp.shape(fy)))
 
     def moments(self):
         return jnp.zeros(3)

@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 from scipy.special import ndtri
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus, moments_on_axis, principal_axes, turned, whole_cycles
-from jitterkit.loci.special import j0_of_square
+from jitterkit.loci.base import OfVariance, moments_on_axis, principal_axes, turned, whole_cycles
+from jitterkit.loci.special import harmonic, normal
 from jitterkit.precision import real
 
 
@@ -43,7 +43,7 @@ def normal_grid(n: int) -> list[np.ndarray]:
     return [grid.ravel() for grid in np.meshgrid(normal, normal)]
 
 
-class Elliptic(Locus):
+class Elliptic(OfVariance):
     """A locus whose first three coordinates are ``(Sxx, Sxy, Syy)``, arcsec²."""
 
     @classmethod
@@ -52,11 +52,6 @@ class Elliptic(Locus):
 
     def moments(self):
         return self.coords[:3]
-
-    def variance_along(self, fx, fy):
-        """Return ``f'Σf``."""
-        sxx, sxy, syy = self.moments()
-        return sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2
 
     def _placed(self, along, across) -> np.ndarray:
         """Return the offsets (n, 2) of positions given in 1 sigma along each principal axis."""
@@ -73,6 +68,7 @@ class Mvn(Elliptic):
     """
 
     names: ClassVar[tuple[str, ...]] = ("mvn_xx", "mvn_xy", "mvn_yy")
+    profile = staticmethod(normal)
 
     @classmethod
     def of(cls, sigma_major: float, sigma_minor: float | None = None, angle: float = 0.0) -> Self:
@@ -89,9 +85,6 @@ class Mvn(Elliptic):
             problem = f"A shear lies between 0 (round) and 1 (a line); got {shear}."
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         return cls.of(sigma_major, sigma_major * (1 - shear), angle)
-
-    def transfer(self, fx, fy):
-        return jnp.exp(-2 * jnp.pi**2 * self.variance_along(fx, fy))
 
     def describe(self) -> dict[str, float]:
         """Return ``sigma_major``, ``sigma_minor`` [arcsec], ``shear`` and ``angle`` [deg]."""
@@ -117,6 +110,7 @@ class Ellipse(Elliptic):
     """
 
     names: ClassVar[tuple[str, ...]] = ("ellipse_xx", "ellipse_xy", "ellipse_yy")
+    profile = staticmethod(harmonic)
     cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
 
     @classmethod
@@ -126,9 +120,6 @@ class Ellipse(Elliptic):
             problem = f"Semi-axes must not be negative, in arcsec; got {semi_major} and {semi_minor}."
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
         return cls(covariance(semi_major / np.sqrt(2), semi_minor / np.sqrt(2), angle))
-
-    def transfer(self, fx, fy):
-        return j0_of_square(8 * np.pi**2 * self.variance_along(fx, fy))
 
     def describe(self) -> dict[str, float]:
         """Return ``semi_major``, ``semi_minor`` [arcsec] and ``angle`` of the major axis [deg]."""

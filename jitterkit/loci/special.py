@@ -86,6 +86,21 @@ def _any_j0(w):
     return jnp.where(small, _near_j0(jnp.where(small, w, 0.0)), far)
 
 
+def normal(variance):
+    """Return the transfer function of a normal density by the variance along a frequency."""
+    return jnp.exp(-2 * math.pi**2 * variance)
+
+
+def uniform(variance):
+    """Return that of a uniform streak."""
+    return sinc_of_square(12 * variance)
+
+
+def harmonic(variance):
+    """Return that of harmonic motion."""
+    return j0_of_square(8 * math.pi**2 * variance)
+
+
 @elementwise
 def log1p_over(z):
     """Return ``ln(1 + z)/z`` for z > -1, to rounding, with finite derivatives at zero."""
@@ -119,9 +134,13 @@ def _horner(coefficients, x):
 
 
 def _clenshaw(coefficients, t):
-    ahead, after = jnp.zeros_like(t), jnp.zeros_like(t)
-    for c in reversed(coefficients[1:]):
-        ahead, after = 2 * t * ahead - after + c, ahead
+    def step(pair, c):
+        ahead, after = pair
+        return (2 * t * ahead - after + c, ahead), None
+
+    none, higher = jnp.zeros_like(t), jnp.asarray(coefficients[1:], t.dtype)
+    # traced once and written out whole: a loop takes several times as long
+    (ahead, after), _ = jax.lax.scan(step, (none, none), higher, reverse=True, unroll=len(higher))
     return t * ahead - after + coefficients[0]
 
 

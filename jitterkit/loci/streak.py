@@ -12,14 +12,26 @@ from typing import ClassVar, Self
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.base import Locus, principal_axes, turned, whole_cycles
-from jitterkit.loci.special import j0_of_square, sinc_of_square
+from jitterkit.loci.base import OfVariance, principal_axes, turned, whole_cycles
+from jitterkit.loci.special import harmonic, uniform
 
 
-class Streak(Locus):
+def straight_moments(cosine, sine, variance) -> Float[Array, "3"]:
+    """Return the second moments of a straight locus, by its coordinates and its variance per squared length.
+
+    Their derivatives are zero (not NaN) at zero length.
+    """
+    square = cosine**2 + sine**2
+    positive = square > 0
+    size = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    return 0.5 * variance * jnp.stack([size + cosine, sine, size - cosine])
+
+
+class Streak(OfVariance):
     """A locus along a straight line.
 
     Attributes
@@ -44,27 +56,15 @@ class Streak(Locus):
         major, _, angle = principal_axes(moments)
         return cls.of(major / np.sqrt(cls.variance), angle)
 
-    def along(self, fx, fy):
-        """Return ``L² (f.n)²``."""
-        cosine, sine = self.coords
-        return 0.5 * (self._square() * (fx**2 + fy**2) + cosine * (fx**2 - fy**2) + 2 * sine * fx * fy)
-
     def moments(self):
         cosine, sine = self.coords
-        size = self._square()
-        return 0.5 * self.variance * jnp.stack([size + cosine, sine, size - cosine])
+        return straight_moments(cosine, sine, self.variance)
 
     def describe(self) -> dict[str, float]:
         """Return ``length`` [arcsec], full or peak to peak, and ``angle`` [deg]."""
         cosine, sine = (float(q) for q in self.coords)
         angle = axis_angle(np.degrees(np.arctan2(sine, cosine)) / 2)
         return {"length": float(np.sqrt(np.hypot(cosine, sine))), "angle": angle}
-
-    def _square(self):
-        """Return ``L²``, with derivative zero (not NaN) at zero length."""
-        square = self.coords[0] ** 2 + self.coords[1] ** 2
-        positive = square > 0
-        return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
     def _placed(self, along: np.ndarray) -> np.ndarray:
         """Return the offsets (n, 2) of positions along the line, given in lengths from its middle."""
@@ -82,9 +82,7 @@ class Linear(Streak):
     names: ClassVar[tuple[str, ...]] = ("linear_c", "linear_s")
     cumulants: ClassVar[tuple[float, float] | None] = (-6 / 5, 48 / 7)
     variance: ClassVar[float] = 1 / 12
-
-    def transfer(self, fx, fy):
-        return sinc_of_square(self.along(fx, fy))
+    profile = staticmethod(uniform)
 
     def points(self, n: int) -> np.ndarray:
         return self._placed((np.arange(n) + 0.5) / n - 0.5)
@@ -100,9 +98,7 @@ class Shm(Streak):
     names: ClassVar[tuple[str, ...]] = ("shm_c", "shm_s")
     cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
     variance: ClassVar[float] = 1 / 8
-
-    def transfer(self, fx, fy):
-        return j0_of_square(np.pi**2 * self.along(fx, fy))
+    profile = staticmethod(harmonic)
 
     def points(self, n: int) -> np.ndarray:
         return self._placed(0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n))

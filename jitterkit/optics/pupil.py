@@ -216,16 +216,21 @@ def obstructed_circle(
         problem = f"The obscuration must lie between 0 and the diameter of {diameter} m"
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, got {obscuration} m.")
     oversample = 8
-    fine = offsets(samples * oversample, diameter / (samples * oversample))
-    x, y = np.meshgrid(fine, fine)
-    radius = np.hypot(x, y)
-    clear = (radius <= diameter / 2) & (radius >= obscuration / 2)
-    for k in range(struts):
-        azimuth = 2 * np.pi * k / struts
-        along = x * np.cos(azimuth) + y * np.sin(azimuth)
-        across = y * np.cos(azimuth) - x * np.sin(azimuth)
-        clear &= ~((along > 0) & (np.abs(across) < strut_width / 2))
-    transmission = clear.reshape(samples, oversample, samples, oversample).mean(axis=(1, 3))
+    x = offsets(samples * oversample, diameter / (samples * oversample))
+
+    def clear_shares(y: np.ndarray) -> np.ndarray:
+        """Return the clear shares (samples,) of a row of samples, whose points have these heights."""
+        radius = np.hypot(x, y)
+        clear = (radius <= diameter / 2) & (radius >= obscuration / 2)
+        for k in range(struts):
+            azimuth = 2 * np.pi * k / struts
+            along = x * np.cos(azimuth) + y * np.sin(azimuth)
+            across = y * np.cos(azimuth) - x * np.sin(azimuth)
+            clear &= ~((along > 0) & (np.abs(across) < strut_width / 2))
+        return clear.reshape(oversample, samples, oversample).mean(axis=(0, 2))
+
+    # row by row: the memory of all points at once takes a second to get
+    transmission = np.array([clear_shares(y) for y in x.reshape(samples, oversample, 1)])
     return open_pupil(transmission, diameter, noll)
 
 

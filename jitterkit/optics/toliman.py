@@ -1,7 +1,8 @@
 """TOLIMAN's optics: the diffractive pupil of dLuxToliman's default optical system.
 
-dLuxToliman takes seven seconds to build it, so the arrays are kept on disk and the second start is
-immediate, with or without that package.
+dLuxToliman takes three seconds to build it, so the arrays are kept on disk and the second start is
+immediate, with or without that package.  Its aberrations are Noll's polynomials, which are written here: it
+takes four seconds more for them, and they are the same to rounding.
 
 :func:`pupil_from_dlux` makes a :class:`~jitterkit.optics.pupil.Pupil` of any dLux optical system.  A
 wavefront of 0.1 mm wavelength is sent through the system's layers: so long that no phase wraps, so that
@@ -27,8 +28,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jitterkit.conventions import offsets
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.optics.pupil import Pupil
+from jitterkit.optics.pupil import Pupil, zernike
 from jitterkit.optics.pupil_file import read_pupil, write_pupil
 
 _LONG = 1e-4  # m; rounding of the phase is then 2e-12 nm, and 50 um of path still do not wrap
@@ -127,6 +129,9 @@ _HIGHEST = 22
 """Of Noll's aberrations that a frame shows: 2 nm of those from 11 to 22 bias a separation by up to 355 uas if
 they are not fitted, and fitting them costs nothing in its error.  The paper has those up to 10."""
 
+_OVERSIZE = 1.01
+"""Diameter of the disc over which its aberrations have unit rms, in diameters of the mirror."""
+
 _REFERENCE = "0.5.1"  # the release that jitterkit is tested against, to rounding
 _log = logging.getLogger(__name__)
 
@@ -154,7 +159,7 @@ def toliman_pupil(highest: int = _HIGHEST) -> Pupil:
     -----
     Kept in the directory that the environment variable ``JITTERKIT_CACHE`` names, or in the user's
     cache directory; a damaged file is written again, and a directory that cannot be written to costs
-    seven seconds at each start.
+    three seconds at each start.
     """
     pupil, count = _kept(), highest - 3
     return replace(pupil, basis=pupil.basis[:count], names=pupil.names[:count])
@@ -208,5 +213,11 @@ def _build() -> Pupil:
             'run: pip install "jitterkit[toliman]"',
         ) from None
     with jax.enable_x64(True):  # the same pupil whatever precision the caller works in
-        system = TolimanOpticalSystem(noll_indices=list(range(4, _HIGHEST + 1)))
-    return pupil_from_dlux(system, [f"noll{j}" for j in range(4, _HIGHEST + 1)])
+        system = TolimanOpticalSystem()  # without its polynomials, which take most of the time
+    pupil, indices = pupil_from_dlux(system), range(4, _HIGHEST + 1)
+    samples = len(pupil.opd)
+    x, y = np.meshgrid(*[offsets(samples, 2 / samples / _OVERSIZE)] * 2)
+    inside = np.hypot(x, y) <= 1
+    basis = np.array([zernike(j, x, y) * inside for j in indices])
+    names = [f"noll{j}" for j in indices]
+    return Pupil(pupil.transmission, pupil.diameter, pupil.opd, basis, names, light=float(pupil.light))

@@ -37,13 +37,12 @@ from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import minor_variance
-from jitterkit.refit.by_cumulants import as_fit, evaluate_by_cumulants
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.squares import straight_blur
-from jitterkit.refit.weigh import Tried, describe_undecided, weigh
+from jitterkit.refit.weigh import Tried, as_fit, describe_undecided, evaluate_by_cumulants, weigh
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""

@@ -10,7 +10,7 @@ from jitterkit.estimators.compressed import CLOSE, ORDERS, CompressedLikelihood,
 from jitterkit.estimators.shape import CumulantStep
 from jitterkit.loci import Ellipse, Linear, Mvn, PartialShm, Shaped, Shm, locus_class
 from jitterkit.loci.cumulants import form_cumulants
-from jitterkit.refit import Status, by_cumulants, choose, fit_best_locus, fit_locus, locus_fit
+from jitterkit.refit import Status, choose, fit_best_locus, fit_locus, locus_fit, weigh
 from jitterkit.refit.evidence import log_evidence
 from jitterkit.refit.fit import fit_and_allow
 
@@ -45,7 +45,7 @@ def test_gain_and_evidence_are_those_of_fits_to_the_image_within_what_is_left_ou
             continue
         assert abs(told.gain - gain) < max(told.left_out, 0.05)
         if told.left_out < CLOSE:
-            as_fit = by_cumulants.as_fit(normal, name, told, aberrations)
+            as_fit = weigh.as_fit(normal, name, told, aberrations)
             assert log_evidence(as_fit) == pytest.approx(log_evidence(full), abs=0.15)
             off = as_fit.of_scene("separation") - full.of_scene("separation")
             assert abs(off) < 0.02 * full.error("separation")
