@@ -12,12 +12,12 @@ from jaxtyping import Array, Float
 from jitterkit.conventions import offsets
 from jitterkit.forward.parameters import Parameters
 from jitterkit.loci.elliptic import Mvn
+from jitterkit.loci.simple import AnySimple
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, PLATE_SCALE
 from jitterkit.scene import Binary, Scene
 
 
-@eqx.filter_jit
 def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     """Expected electrons in every pixel of a frame.
 
@@ -39,6 +39,12 @@ def expected_image(parameters: Parameters, otf: OTF) -> Float[Array, "ny nx"]:
     beside its colour; a plate scale shifts positions and stars' images, not the jitter.  Fails softly when
     the padding is smaller than the jitter: light then wraps around.
     """
+    simple = AnySimple.instead_of(parameters.locus)
+    return _expected_image(parameters if simple is None else parameters.with_locus(simple), otf)
+
+
+@eqx.filter_jit
+def _expected_image(parameters: Parameters, otf: OTF):
     blur, optics, stars = _factors(parameters, otf)
     spectrum = blur * _light(optics, stars)
     return _to_pixels(spectrum, otf.grid, parameters.shutter) + background_of(parameters, otf.grid)
