@@ -151,7 +151,7 @@ def fisher_scoring(
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
     limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)
-    simple = AnySimple.instead_of(start.locus)  # nor is another of these loci
+    data, simple = data.counted, AnySimple.instead_of(start.locus)  # nor a ceiling, nor another such locus
     if simple is None:
         return _in_numpy(_scoring_loop(start, otf, data, free, prior, known, *limits))
     filled, own = _filled_up(start, simple, free)

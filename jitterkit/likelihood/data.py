@@ -132,6 +132,11 @@ class Data(eqx.Module):
             model_area=self.model_area,
         )
 
+    @property
+    def counted(self) -> Data:
+        """The same without a ceiling that the likelihood does not count with."""
+        return eqx.tree_at(lambda d: d.ceiling, self, None) if self.trims else self
+
     def without(self, pixels: np.ndarray) -> Data:
         """The same without some pixels (ny, nx), which are marked true."""
         used = np.asarray(self.used) & ~pixels

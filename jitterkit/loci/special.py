@@ -69,21 +69,20 @@ def j0_of_square(w):
     ``J0(sqrt(w))`` is entire in w: a Chebyshev series up to w = 625 and Hankel's asymptotic
     expansion beyond (Abramowitz & Stegun 9.2.5).  Below zero the terms of that series all have one sign.
     """
-    return jax.lax.cond(jnp.max(w) < _LARGE**2, _near_j0, _any_j0, jnp.asarray(w))
+    w = jnp.asarray(w)
+    small = w < _LARGE**2
+    near = _clenshaw(_chebyshev_coefficients(), jnp.where(small, w, 0.0) * (2 / _LARGE**2) - 1)
+    # a branch, because few frames need the far expansion, which takes twice as long
+    return jax.lax.cond(jnp.all(small), lambda w, near: near, _with_far_j0, w, near)
 
 
-def _near_j0(w):
-    """Evaluate J0 near zero, as most frames need; a branch, as the far expansion takes thrice as long."""
-    return _clenshaw(_chebyshev_coefficients(), w * (2 / _LARGE**2) - 1)
-
-
-def _any_j0(w):
+def _with_far_j0(w, near):
     small = w < _LARGE**2
     z = jnp.sqrt(jnp.where(small, _LARGE**2, w))
     p, q = _hankel(1 / z)
     phase = z - math.pi / 4
     far = jnp.sqrt(2 / (math.pi * z)) * (p * jnp.cos(phase) - q * jnp.sin(phase))
-    return jnp.where(small, _near_j0(jnp.where(small, w, 0.0)), far)
+    return jnp.where(small, near, far)
 
 
 def normal(variance):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -21,6 +23,21 @@ _EVEN = 0.1
 """Effect of a mode about no aberrations on the transfer function, as a share of it for each rad rms, below
 which its square may be all that shows: 0.01 to 0.03 of focus and astigmatism behind symmetric pupils with a
 spider, 0.3 and more of other modes and behind other pupils."""
+
+
+_REMEMBERED = {True: 4, False: 16}
+"""Expansions with and without derivatives: those of one end of a fit, and of the twelve changes of its modes
+by which products are measured."""
+
+
+class _Latest(threading.local):
+    """Hold the latest expansions of one thread, which fits one frame at a time."""
+
+    def __init__(self) -> None:
+        self.expansions: dict[bool, OrderedDict] = {True: OrderedDict(), False: OrderedDict()}
+
+
+_latest = _Latest()
 
 
 class Optics(Protocol):
@@ -124,7 +141,24 @@ class OpticalSystem:
         return float(np.sqrt(max(one @ self._gram @ one for one in (change, of_b))))
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
-        """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted."""
+        """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted.
+
+        The latest are remembered: fits of a frame, and what is measured at their ends, ask for some again.
+        """
+        state = b"" if aberrations is None else np.asarray(aberrations, float).tobytes()
+        key = id(self), jnp.result_type(float), state
+        latest = _latest.expansions[derivatives]
+        if key not in latest:
+            latest[key] = (
+                self,
+                self._expanded(aberrations, derivatives),
+            )  # itself, so that no other has its id
+        latest.move_to_end(key)
+        if len(latest) > _REMEMBERED[derivatives]:
+            latest.popitem(last=False)
+        return latest[key][1]
+
+    def _expanded(self, aberrations, derivatives: bool) -> OTF:
         otf = expand(
             self.pupil,
             self.spectrum,
