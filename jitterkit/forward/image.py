@@ -153,6 +153,8 @@ def _point_sources(scene: Scene, otf: OTF, scale):
     fy, fx = fy.astype(x.dtype), fx.astype(x.dtype)
     along_x = jnp.exp(-2j * jnp.pi * fx[0] * (x + cx)[:, None])
     along_y = flux[:, None] * jnp.exp(-2j * jnp.pi * fy[:, 0] * (y + cy)[:, None])
+    # once along each axis, not again for every sample of the spectra
+    along_x, along_y = jax.lax.optimization_barrier((along_x, along_y))
     tinted = None if indices is None else (indices[:, None] * along_y).T @ along_x
     differs = otf.difference is not None and isinstance(scene, Binary)
     return along_y.T @ along_x, tinted, jnp.outer(along_y[1], along_x[1]) if differs else None
