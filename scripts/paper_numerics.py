@@ -42,7 +42,7 @@ class FiveImages(Streak):
     weights: ClassVar[np.ndarray]
 
     def transfer(self, fx, fy):
-        square = self.along(fx, fy)
+        square = self.variance_along(fx, fy) / self.variance
         # cos(2 pi q) = 1 - 2 sin²(pi q), in squares for the sake of derivatives at zero length
         waves = [
             1 - 2 * np.pi**2 * node**2 * square * sinc_of_square(node**2 * square) ** 2 for node in NODES
