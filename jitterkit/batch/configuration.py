@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import hashlib
+import os
 import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -43,7 +44,8 @@ def settings(processor: FrameProcessor, files: Sequence[Path], **more: Any) -> d
     described = _fields(processor, skip=("known",))
     zero = jnp.zeros(())
     (device,) = zero.devices()
-    computed = {"device": device.platform, "numbers": str(zero.dtype)}
+    flags = os.environ.get("XLA_FLAGS") or None
+    computed = {"device": device.platform, "numbers": str(zero.dtype), "XLA_FLAGS": flags}
     names = [str(file.absolute()) for file in files]
     return {**described, **computed, **describe(more), VERSIONS: versions(), FILES: names}
 

@@ -5,6 +5,7 @@ import math
 import pytest
 from refusals import refused
 
+from jitterkit.batch.configuration import settings
 from jitterkit.batch.resume import refuse_difference
 from jitterkit.batch.store import Store
 from jitterkit.errors import ErrorCode
@@ -61,3 +62,12 @@ def test_another_configuration_is_refused_by_its_first_difference(tmp_path, chan
         Store.resume(tmp_path, CONFIGURATION | changes)
     with Store.resume(tmp_path, CONFIGURATION) as again:  # which the refusal left alone
         assert again.done() == {0}
+
+
+def test_other_options_of_xla_are_another_configuration(tmp_path, processor, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_one=1")
+    begun = settings(processor, [])
+    refuse_difference(tmp_path, begun, settings(processor, []))
+    monkeypatch.setenv("XLA_FLAGS", "")
+    with refused(ErrorCode.CONFLICT, tmp_path, "XLA_FLAGS", "--xla_one=1"):
+        refuse_difference(tmp_path, begun, settings(processor, []))
