@@ -151,15 +151,17 @@ def fisher_scoring(
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
     limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)
-    data, simple = data.counted, AnySimple.instead_of(start.locus)  # nor a ceiling, nor another such locus
+    # a ceiling that does not count, or another simple locus, is not another program either
+    data, simple = data.counted, AnySimple.instead_of(start.locus)
     if simple is None:
         return _in_numpy(_scoring_loop(start, otf, data, free, prior, known, *limits))
     filled, own = _filled_up(start, simple, free)
-    square = np.ix_(own, own)
-    mean, precision, wider = np.zeros(len(filled)), np.eye(len(filled)), np.zeros((len(filled), len(filled)))
-    mean[own], precision[square], wider[square] = prior.mean, prior.precision, known
-    prior = Prior(mean, precision, prior.moments, prior.moments_precision)
-    end = _in_numpy(_scoring_loop(start.with_locus(simple), otf, data, filled, prior, wider, *limits))
+    places, square = np.eye(len(filled))[:, own], np.ix_(own, own)
+    prior, known = _in_numpy((prior, known))
+    precision = places @ prior.precision @ places.T + np.diag(1 - places.sum(axis=1))
+    wider = Prior(places @ prior.mean, precision, prior.moments, prior.moments_precision)
+    known = places @ known @ places.T
+    end = _in_numpy(_scoring_loop(start.with_locus(simple), otf, data, filled, wider, known, *limits))
     coords = end.parameters.locus.coords[: len(start.locus.names)]
     return end._replace(
         parameters=end.parameters.with_locus(start.locus.at(coords)),
@@ -182,9 +184,9 @@ def _filled_up(
     return filled, own
 
 
-def _in_numpy(end: ScoringResult) -> ScoringResult:
-    """Return a result as arrays of NumPy, with which small sums are fast; within a program as it is."""
-    return end if isinstance(end.objective, jax.core.Tracer) else jax.tree.map(np.asarray, end)
+def _in_numpy(tree):
+    """Return a tree with arrays of NumPy, with which small sums are fast, but for what a program traces."""
+    return jax.tree.map(lambda a: a if isinstance(a, jax.core.Tracer) else np.asarray(a), tree)
 
 
 @eqx.filter_jit

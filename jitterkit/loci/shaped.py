@@ -145,12 +145,17 @@ def _lightened(w, k):
     _, rest = jax.lax.scan(grow, first, jnp.arange(1.0, _TERMS - 1, dtype=k.dtype))
     rows = jnp.concatenate([jnp.stack(first), rest]).reshape(-1, _UNROLLED)
     few = jnp.max(jnp.abs(w)) < _NEAR
+    wanted = ~few | (np.arange(len(rows)) < _FEWER // _UNROLLED)
 
-    def add(state):
-        row, total = state
-        for n in reversed(range(_UNROLLED)):
-            total = total * w + rows[row, n]
-        return row - 1, total
+    def add(total, part):
+        row, counts = part
+        return jax.lax.cond(counts, _continued, lambda total, *_: total, total, row, w), None
 
-    last = jnp.where(few, _FEWER, _TERMS) // _UNROLLED - 1
-    return jax.lax.while_loop(lambda state: state[0] >= 0, add, (last, jnp.zeros_like(k * w)))[1]
+    return jax.lax.scan(add, jnp.zeros_like(k * w), (rows, wanted), reverse=True)[0]
+
+
+def _continued(total, row, w):
+    """Return a sum of higher powers of w, by Horner's rule, with the coefficients of the next lower ones."""
+    for n in reversed(range(_UNROLLED)):
+        total = total * w + row[n]
+    return total

@@ -6,7 +6,6 @@ compile, and a first frame needs four or five of these loci.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import ClassVar, Self
 
 import jax
@@ -90,10 +89,8 @@ def _profile(which, variance):
 @_profile.defjvp
 def _push(values, changes):
     """Differentiate within the branch that counts: outside, each leaves what its derivative needs."""
-    slopes = [partial(_value_and_slope, profile) for profile in _PROFILES]
-    value, slope = jax.lax.switch(values[0], slopes, values[1])
+    which, variance = values
+    one = jnp.ones_like(variance)
+    slopes = [lambda v, profile=profile: jax.jvp(profile, (v,), (one,)) for profile in _PROFILES]
+    value, slope = jax.lax.switch(which, slopes, variance)
     return value, slope * changes[1]
-
-
-def _value_and_slope(profile, variance):
-    return jax.jvp(profile, (variance,), (jnp.ones_like(variance),))

@@ -91,12 +91,12 @@ def normal(variance):
 
 
 def uniform(variance):
-    """Return that of a uniform streak."""
+    """Return the transfer function of a uniform streak by the variance along a frequency."""
     return sinc_of_square(12 * variance)
 
 
 def harmonic(variance):
-    """Return that of harmonic motion."""
+    """Return the transfer function of harmonic motion by the variance along a frequency."""
     return j0_of_square(8 * math.pi**2 * variance)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
@@ -25,19 +26,19 @@ which its square may be all that shows: 0.01 to 0.03 of focus and astigmatism be
 spider, 0.3 and more of other modes and behind other pupils."""
 
 
-_REMEMBERED = {True: 4, False: 16}
-"""Expansions with and without derivatives: those of one end of a fit, and of the twelve changes of its modes
-by which products are measured."""
+_KEPT = {True: 2, False: 16}
+"""Expansions with and without derivatives that a thread keeps: one of the end of a fit and another; and those
+about the twelve changes of its modes by which products are measured."""
 
 
 class _Latest(threading.local):
-    """Hold the latest expansions of one thread, which fits one frame at a time."""
+    """Hold the latest expansions of a thread, which fits one frame at a time; a copy begins empty."""
 
     def __init__(self) -> None:
         self.expansions: dict[bool, OrderedDict] = {True: OrderedDict(), False: OrderedDict()}
 
-
-_latest = _Latest()
+    def __reduce__(self):
+        return type(self), ()
 
 
 class Optics(Protocol):
@@ -143,22 +144,14 @@ class OpticalSystem:
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with its derivatives unless not wanted.
 
-        The latest are remembered: fits of a frame, and what is measured at their ends, ask for some again.
+        A thread keeps the latest: fits of a frame, and what is measured at their ends, ask for some again.
         """
-        state = b"" if aberrations is None else np.asarray(aberrations, float).tobytes()
-        key = id(self), jnp.result_type(float), state
-        latest = _latest.expansions[derivatives]
-        if key not in latest:
-            latest[key] = (
-                self,
-                self._expanded(aberrations, derivatives),
-            )  # itself, so that no other has its id
-        latest.move_to_end(key)
-        if len(latest) > _REMEMBERED[derivatives]:
-            latest.popitem(last=False)
-        return latest[key][1]
-
-    def _expanded(self, aberrations, derivatives: bool) -> OTF:
+        state = None if aberrations is None else np.asarray(aberrations, float)
+        key = jnp.result_type(float), None if state is None else (state.shape, state.tobytes())
+        kept = self._latest.expansions[derivatives]
+        if key in kept:
+            kept.move_to_end(key)
+            return kept[key]
         otf = expand(
             self.pupil,
             self.spectrum,
@@ -168,7 +161,16 @@ class OpticalSystem:
             colours=self.colours,
             further=self.further,
         )
-        return otf.diffused(self.diffusion) if self.diffusion else otf
+        otf = otf.diffused(self.diffusion) if self.diffusion else otf
+        if not isinstance(otf.value, jax.core.Tracer):  # which would mean nothing outside its program
+            kept[key] = otf
+        if len(kept) > _KEPT[derivatives]:
+            kept.popitem(last=False)
+        return otf
+
+    @cached_property
+    def _latest(self) -> _Latest:
+        return _Latest()
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with the derivatives of an expansion nearby.

@@ -180,3 +180,14 @@ def test_without_kurtosis_a_shaped_blur_is_normal_and_the_change_through_it_is_s
 def test_impossible_sizes_are_refused(build, values):
     with refused(ErrorCode.OUT_OF_RANGE, *values, error=ConfigurationError):
         build()
+
+
+def test_second_derivatives_of_a_shaped_blur_are_the_same_either_way():
+    locus, fx, fy = Shaped.of(0.2, 0.1, 65.0, -1.2), np.linspace(-1, 1, 5), np.linspace(-0.8, 1.1, 5)
+
+    def total(coords):
+        return locus.at(coords).transfer(fx, fy).sum()
+
+    coords = np.asarray(locus.coords)
+    forward, backward = jax.jacfwd(jax.jacfwd(total))(coords), jax.jacrev(jax.jacfwd(total))(coords)
+    assert np.asarray(backward) == pytest.approx(np.asarray(forward), rel=1e-12, abs=1e-11)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jitterkit import scoring
-from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, to_vector
+from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, image, to_vector
 from jitterkit.likelihood import Data
 from jitterkit.loci import Ellipse, Linear, Lissajous, Mvn, PartialShm, Shm, Stable
 from jitterkit.loci.simple import AnySimple
@@ -25,7 +25,7 @@ FX, FY = np.linspace(0, 2, 21)[None, :], np.linspace(-2, 2, 31)[:, None]
 
 
 @pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)
-def test_it_is_the_locus_with_all_derivatives(locus):
+def test_the_common_form_has_the_values_and_derivatives_of_the_locus(locus):
     simple, size = AnySimple.instead_of(locus), len(locus.names)
     assert np.asarray(simple.transfer(FX, FY)) == pytest.approx(np.asarray(locus.transfer(FX, FY)), abs=2e-14)
     assert np.asarray(simple.moments()) == pytest.approx(np.asarray(locus.moments()), abs=1e-17)
@@ -50,28 +50,38 @@ def test_a_locus_with_a_shape_of_its_own_is_none():
 
 @pytest.fixture
 def programs(monkeypatch):
-    """Counts how often a scoring loop is traced: once for each program."""
+    """List the kinds of locus for which a scoring loop is traced: one for each program."""
     traced = []
-    honest = scoring.information_at
+    original = scoring.information_at
 
-    def counted(parameters, *rest):
+    def noted(parameters, *rest):
         traced.append(type(parameters.locus))
-        return honest(parameters, *rest)
+        return original(parameters, *rest)
 
-    monkeypatch.setattr(scoring, "information_at", counted)
+    monkeypatch.setattr(scoring, "information_at", noted)
     return traced
 
 
-def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(otf, programs):
-    star = Star(0.2, -0.1, 1e6)
-    truth = Parameters(star, Linear.of(0.4, 30.0), [2.0, -2.0])
-    data = Data(np.random.default_rng(5).poisson(np.asarray(expected_image(truth, otf))), 0.0)
+@pytest.fixture
+def data(otf):
+    truth = Parameters(Star(0.2, -0.1, 1e6), Linear.of(0.4, 30.0), [2.0, -2.0])
+    return Data(np.random.default_rng(5).poisson(np.asarray(expected_image(truth, otf))), 0.0)
+
+
+def start_of(locus):
+    return Parameters(Star(0.2, -0.1, 1e6), locus, [1.0, -1.0])
+
+
+def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(otf, data, programs):
     limits = np.asarray(50), np.asarray(1e-6), np.asarray(0.0025)
     for locus in LOCI[:5]:
-        start = Parameters(star, type(locus).near(truth.locus.moments()), [1.0, -1.0])
+        start = start_of(type(locus).near(Linear.of(0.4, 30.0).moments()))
         free = free_parameters(start, otf, GRADIENT)[1]
         prior = Prior.none(len(free))
+        if locus is not LOCI[0]:
+            programs.clear()
         shared = scoring.fisher_scoring(start, otf, data, free, prior, tolerance=1e-6)
+        assert locus is LOCI[0] or not programs
         own = scoring._scoring_loop(start, otf, data, free, prior, np.zeros(2 * prior.mean.shape), *limits)
         assert type(shared.parameters.locus) is type(locus)
         assert shared.parameters.locus.coords.shape == locus.coords.shape
@@ -81,8 +91,42 @@ def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(otf, pr
         assert np.asarray(there - here)[list(free)] / errors == pytest.approx(0, abs=5e-6)
         assert float(shared.objective) == pytest.approx(float(own.objective), rel=1e-12)
         for one, other in ((shared.information, own.information), (shared.curvature, own.curvature)):
-            assert one / np.sqrt(np.outer(np.diag(other), np.diag(other))) == pytest.approx(
-                np.asarray(other) / np.sqrt(np.outer(np.diag(other), np.diag(other))), abs=1e-5
-            )
+            size = np.sqrt(np.outer(np.diag(other), np.diag(other)))
+            assert one / size == pytest.approx(np.asarray(other) / size, abs=1e-5)
         assert shared.score.shape == own.score.shape
-    assert programs.count(AnySimple) == 1
+
+
+def test_a_ceiling_that_is_left_out_makes_no_other_program(otf, data, programs):
+    start = start_of(Mvn.of(0.1))
+    free = free_parameters(start, otf, GRADIENT)[1]
+    trimmed = Data(data.electrons, data.read_variance, ceiling=1e9)
+    assert trimmed.trims
+    prior = Prior.none(len(free))
+    whole = scoring.fisher_scoring(start, otf, data, free, prior)
+    programs.clear()
+    assert float(scoring.fisher_scoring(start, otf, trimmed, free, prior).objective) == float(whole.objective)
+    assert not programs
+
+
+def test_images_of_all_of_them_share_a_program(otf, monkeypatch):
+    traced = []
+    original = image.background_of
+    monkeypatch.setattr(image, "background_of", lambda *given: traced.append(0) or original(*given))
+    for locus in (LOCI[0], *LOCI):
+        traced.clear()
+        expected_image(Parameters(Star(0.3, 0.1, 2e6), locus, [1.0, -1.0], gradient=[1.0, 2.0]), otf)
+    assert not traced
+
+
+def test_a_fit_may_be_mapped_over_priors_and_known_information(otf, data):
+    start = start_of(Linear.of(0.4, 30.0))
+    free = free_parameters(start, otf, GRADIENT)[1]
+    none = Prior.none(len(free))
+    alone = scoring.fisher_scoring(start, otf, data, free, none)
+
+    def fit(known, precision):
+        prior = Prior(none.mean, precision)
+        return scoring.fisher_scoring(start, otf, data, free, prior, known=known).objective
+
+    some = jnp.stack([alone.information, 2 * alone.information]), jnp.zeros((2, len(free), len(free)))
+    assert np.asarray(jax.vmap(fit)(*some)) == pytest.approx(float(alone.objective), rel=1e-9)
