@@ -151,8 +151,8 @@ def fisher_scoring(
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
     limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)
-    # a ceiling that does not count, or another simple locus, is not another program either
-    data, simple = data.counted, AnySimple.instead_of(start.locus)
+    # nor is a ceiling that the likelihood does not ask for, nor another simple locus
+    data, simple = data.for_likelihood, AnySimple.instead_of(start.locus)
     if simple is None:
         return _in_numpy(_scoring_loop(start, otf, data, free, prior, known, *limits))
     filled, own = _filled_up(start, simple, free)

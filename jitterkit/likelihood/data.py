@@ -133,8 +133,8 @@ class Data(eqx.Module):
         )
 
     @property
-    def counted(self) -> Data:
-        """The same without a ceiling that the likelihood does not count with."""
+    def for_likelihood(self) -> Data:
+        """The same without the ceiling, where full pixels are left out: the likelihood then asks for none."""
         return eqx.tree_at(lambda d: d.ceiling, self, None) if self.trims else self
 
     def without(self, pixels: np.ndarray) -> Data:

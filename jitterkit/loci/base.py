@@ -203,18 +203,18 @@ def whole_cycles(n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 class OfVariance(Locus):
-    """A locus whose transfer function depends on the variance ``f'Σf`` along a frequency alone.
+    """A locus whose transfer function depends only on the variance ``f'Σf`` along a frequency.
 
     Attributes
     ----------
     profile : callable
-        The transfer function by that variance (class attribute).
+        The transfer function of that variance (class attribute).
     """
 
     profile: ClassVar[staticmethod]
 
     def variance_along(self, fx, fy):
-        """Return ``f'Σf``, Σ the second moments."""
+        """Return ``f'Σf`` at frequencies in cycles/arcsec, Σ the second moments [arcsec²]."""
         sxx, sxy, syy = self.moments()
         return sxx * fx**2 + 2 * sxy * fx * fy + syy * fy**2
 

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import OfVariance, moments_on_axis, principal_axes, turned, whole_cycles
-from jitterkit.loci.special import harmonic, normal
+from jitterkit.loci.special import harmonic_transfer, normal_transfer
 from jitterkit.precision import real
 
 
@@ -68,7 +68,7 @@ class Mvn(Elliptic):
     """
 
     names: ClassVar[tuple[str, ...]] = ("mvn_xx", "mvn_xy", "mvn_yy")
-    profile = staticmethod(normal)
+    profile = staticmethod(normal_transfer)
 
     @classmethod
     def of(cls, sigma_major: float, sigma_minor: float | None = None, angle: float = 0.0) -> Self:
@@ -110,7 +110,7 @@ class Ellipse(Elliptic):
     """
 
     names: ClassVar[tuple[str, ...]] = ("ellipse_xx", "ellipse_xy", "ellipse_yy")
-    profile = staticmethod(harmonic)
+    profile = staticmethod(harmonic_transfer)
     cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
 
     @classmethod

@@ -1,7 +1,7 @@
-"""The loci of one variance as one, so that programs are compiled once for all of them.
+"""One class for all simple loci, so that a program is compiled once and serves each of them.
 
-Most of a scoring loop's program is the same whatever the locus.  A program takes one to two seconds to
-compile, and a first frame needs four or five of these loci.
+Most of a scoring loop is the same whatever the locus.  A program takes one to two seconds to compile, and the
+first frame of a run needs up to five of these loci.
 """
 
 from __future__ import annotations

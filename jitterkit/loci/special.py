@@ -85,18 +85,18 @@ def _with_far_j0(w, near):
     return jnp.where(small, near, far)
 
 
-def normal(variance):
-    """Return the transfer function of a normal density by the variance along a frequency."""
+def normal_transfer(variance):
+    """Return the transfer function of a normal density by the variance ``f'Σf`` along a frequency."""
     return jnp.exp(-2 * math.pi**2 * variance)
 
 
-def uniform(variance):
-    """Return the transfer function of a uniform streak by the variance along a frequency."""
+def uniform_transfer(variance):
+    """Return the transfer function of a uniform streak by the variance ``f'Σf`` along a frequency."""
     return sinc_of_square(12 * variance)
 
 
-def harmonic(variance):
-    """Return the transfer function of harmonic motion by the variance along a frequency."""
+def harmonic_transfer(variance):
+    """Return the transfer function of harmonic motion by the variance ``f'Σf`` along a frequency."""
     return j0_of_square(8 * math.pi**2 * variance)
 
 

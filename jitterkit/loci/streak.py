@@ -17,13 +17,20 @@ from jaxtyping import Array, Float
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.base import OfVariance, principal_axes, turned, whole_cycles
-from jitterkit.loci.special import harmonic, uniform
+from jitterkit.loci.special import harmonic_transfer, uniform_transfer
 
 
 def straight_moments(cosine, sine, variance) -> Float[Array, "3"]:
-    """Return the second moments of a straight locus, by its coordinates and its variance per squared length.
+    """Return the second moments ``(Sxx, Sxy, Syy)`` of a straight locus, arcsec².
 
     Their derivatives are zero (not NaN) at zero length.
+
+    Parameters
+    ----------
+    cosine, sine : float
+        Its coordinates, arcsec².
+    variance : float
+        Along the line, in units of the length squared.
     """
     square = cosine**2 + sine**2
     positive = square > 0
@@ -82,7 +89,7 @@ class Linear(Streak):
     names: ClassVar[tuple[str, ...]] = ("linear_c", "linear_s")
     cumulants: ClassVar[tuple[float, float] | None] = (-6 / 5, 48 / 7)
     variance: ClassVar[float] = 1 / 12
-    profile = staticmethod(uniform)
+    profile = staticmethod(uniform_transfer)
 
     def points(self, n: int) -> np.ndarray:
         return self._placed((np.arange(n) + 0.5) / n - 0.5)
@@ -98,7 +105,7 @@ class Shm(Streak):
     names: ClassVar[tuple[str, ...]] = ("shm_c", "shm_s")
     cumulants: ClassVar[tuple[float, float] | None] = (-3 / 2, 10.0)
     variance: ClassVar[float] = 1 / 8
-    profile = staticmethod(harmonic)
+    profile = staticmethod(harmonic_transfer)
 
     def points(self, n: int) -> np.ndarray:
         return self._placed(0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n))

@@ -229,7 +229,7 @@ def obstructed_circle(
             clear &= ~((along > 0) & (np.abs(across) < strut_width / 2))
         return clear.reshape(oversample, samples, oversample).mean(axis=(0, 2))
 
-    # row by row: the memory of all points at once takes a second to get
+    # row by row: to get the memory for all points at once takes half a second to a second
     transmission = np.array([clear_shares(y) for y in x.reshape(samples, oversample, 1)])
     return open_pupil(transmission, diameter, noll)
 

@@ -103,14 +103,8 @@ EXAMPLES = {
 OTHERS = tuple(name for name in LOCI if name not in EXAMPLES)
 """New loci, without an example above: built from moments and held to the tolerances of random ones."""
 EXAMPLES |= {name: from_moments(LOCI[name]) for name in OTHERS}
-GRIDS = (
-    "mvn",
-    "any simple, elliptic",
-    "smear",
-    "skewed",
-    "product",
-    *OTHERS,
-)  # their points are a grid of quantiles
+# their points are a grid of quantiles
+GRIDS = ("mvn", "any simple, elliptic", "smear", "skewed", "product", *OTHERS)
 UNNAMED = ("product", "trace", "any simple")  # built from loci or samples, not from sizes
 RANDOM = (*GRIDS, "shaped", "shaped, light")
 ALONG_X, ALONG_Y = np.linspace(-1.2, 1.2, 13), np.linspace(-1.1, 1.1, 12)
