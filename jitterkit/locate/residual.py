@@ -173,7 +173,8 @@ class Residual:
             the resolution from all known ones.  It is eight standard errors, with everything else known: six
             are needed.  NaN of a frame that has no such place.
         """
-        errors = 1 / np.sqrt(self._power[self._clear_of(scene) & np.asarray(self.data.used)])
+        _, power = self._products  # of a star with itself: the information on its flux
+        errors = 1 / np.sqrt(power[self._clear_of(scene) & np.asarray(self.data.used)])
         return float((SURE + _MISSED) * np.quantile(errors, _POSITIONS)) if errors.size else float("nan")
 
     def is_all_stars(self, scene: Scene) -> bool:
@@ -249,15 +250,10 @@ class Residual:
         """Return weighted products of the residual with a star at each pixel, and of the star with itself."""
         grid = self.otf.grid
         left = (np.asarray(self.data.electrons) - self.image) * self._weight
-        return correlate(embed(left, grid), self._spectrum, grid), self._power
-
-    @cached_property
-    def _power(self) -> np.ndarray:
-        """Return the information on the flux of a star at each pixel."""
-        grid = self.otf.grid
         squares = fft.rfft2(fft.irfft2(self._spectrum, s=grid.fine_shape) ** 2)
         power = correlate(embed(self._weight, grid), squares, grid)
-        return np.maximum(power, np.finfo(float).tiny)
+        match = correlate(embed(left, grid), self._spectrum, grid)
+        return match, np.maximum(power, np.finfo(float).tiny)
 
     @cached_property
     def _significance(self) -> np.ndarray:

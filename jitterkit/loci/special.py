@@ -25,6 +25,10 @@ import scipy.special
 
 _LARGE = 25.0  # where Hankel's expansion takes over: its ten terms are then below 1e-16
 
+_J0_SERIES = [(2 if k else 1) * (-1) ** k * float(scipy.special.jv(k, _LARGE / 2)) ** 2 for k in range(32)]
+"""Chebyshev coefficients of J0 up to there, by Neumann's addition theorem:
+``J0(2a cos(x/2)) = J0(a)² + 2 sum_k (-1)^k J_k(a)² cos kx``."""
+
 
 def elementwise(function: Callable[..., jax.Array]) -> Callable[..., jax.Array]:
     """A function of arrays, element by element, whose derivative is worked out once for all directions.
@@ -71,7 +75,7 @@ def j0_of_square(w):
     """
     w = jnp.asarray(w)
     small = w < _LARGE**2
-    near = _clenshaw(_chebyshev_coefficients(), jnp.where(small, w, 0.0) * (2 / _LARGE**2) - 1)
+    near = _clenshaw(_J0_SERIES, jnp.where(small, w, 0.0) * (2 / _LARGE**2) - 1)
     # a branch, because few frames need the far expansion, which takes twice as long
     return jax.lax.cond(jnp.all(small), lambda w, near: near, _with_far_j0, w, near)
 
@@ -79,7 +83,10 @@ def j0_of_square(w):
 def _with_far_j0(w, near):
     small = w < _LARGE**2
     z = jnp.sqrt(jnp.where(small, _LARGE**2, w))
-    p, q = _hankel(1 / z)
+    terms, inverse = [1.0], 1 / z  # Hankel's, of P and Q in turn
+    for k in range(1, 20):
+        terms.append(terms[-1] * (2 * k - 1) ** 2 / (8 * k))
+    p, q = _horner(terms[0::2], -(inverse**2)), -inverse * _horner(terms[1::2], -(inverse**2))
     phase = z - math.pi / 4
     far = jnp.sqrt(2 / (math.pi * z)) * (p * jnp.cos(phase) - q * jnp.sin(phase))
     return jnp.where(small, near, far)
@@ -107,22 +114,6 @@ def log1p_over(z):
     series = _horner([(-1) ** k / (k + 1) for k in range(9)], jnp.where(small, z, 0.0))
     far = jnp.where(small, 1.0, z)
     return jnp.where(small, series, jnp.log1p(far) / far)
-
-
-@functools.cache
-def _chebyshev_coefficients() -> tuple[float, ...]:
-    """Neumann's addition theorem: ``J0(2a cos(x/2)) = J0(a)² + 2 sum_k (-1)^k J_k(a)² cos kx``."""
-    squares = [(-1) ** k * float(scipy.special.jv(k, _LARGE / 2)) ** 2 for k in range(32)]
-    return (squares[0], *(2 * c for c in squares[1:]))
-
-
-def _hankel(inverse):
-    """Hankel's P and Q for order zero at ``1/z``."""
-    terms = [1.0]
-    for k in range(1, 20):
-        terms.append(terms[-1] * (2 * k - 1) ** 2 / (8 * k))
-    square = -(inverse**2)
-    return _horner(terms[0::2], square), -inverse * _horner(terms[1::2], square)
 
 
 def _horner(coefficients, x):

@@ -236,7 +236,10 @@ def derivatives_at(
     """
     products = _products_of_modes(pupil) if order > 1 else None
     lines, stretch = np.asarray(spectrum.wavelengths) + shifts[0], np.asarray(1.0 + shifts[1])
-    return _derivatives(pupil, lines, _weights(spectrum, chromatic), state, grid, order, stretch, products)
+    weights = np.asarray(spectrum.weights)[None]
+    if chromatic:  # and their derivatives by a spectral index
+        weights = np.concatenate([weights, weights * wavenumber_offsets(spectrum)])
+    return _derivatives(pupil, lines, weights, state, grid, order, stretch, products)
 
 
 def _products_of_modes(pupil: Pupil) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -262,12 +265,6 @@ def _products_of_modes(pupil: Pupil) -> tuple[np.ndarray, dict[int, np.ndarray]]
     of_phase = (i < count).astype(int) + (j < count)
     rows = {power: np.where(of_phase == power, sizes, 0.0)[:, None] for power in np.unique(of_phase).tolist()}
     return products, {power: size * kept for power, size in rows.items()}
-
-
-def _weights(spectrum: Spectrum, chromatic: bool) -> np.ndarray:
-    """Return the weights of the wavelengths, and their derivatives by a spectral index: (1 or 2, w)."""
-    weights = np.asarray(spectrum.weights)
-    return np.array([weights, weights * wavenumber_offsets(spectrum)] if chromatic else [weights])
 
 
 @eqx.filter_jit
@@ -325,7 +322,9 @@ def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stre
         [jnp.concatenate([phases, pupil.shading]), jnp.concatenate([wavenumber * pupil.basis, light])]
     )
     slopes, field, focal, products = single((slopes[:, :modes], field, focal, products))
-    changed = focal_field(_times(slopes, field[:, None]), phase_step, grid.fine_shape)
+    real = slopes[0] * field[0] - slopes[1] * field[1]
+    imaginary = slopes[0] * field[1] + slopes[1] * field[0]
+    changed = focal_field(jnp.stack([real, imaginary]), phase_step, grid.fine_shape)
     parts = [psf, 2 * (focal[0] * changed[0] + focal[1] * changed[1])]
     i, j = np.triu_indices(modes if shares else 0)
     parts.append(2 * sum(changed[c, i] * changed[c, j] for c in (0, 1)))
@@ -338,8 +337,3 @@ def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stre
         bends = [by_power[power] for power in shares]
     scale = (phase_step / (2 * np.pi)) ** 2
     return [scale * part for part in (*parts, jnp.concatenate(bends))]
-
-
-def _times(one, other):
-    """Product of complex numbers whose real and imaginary parts stand along the first axis."""
-    return jnp.stack([one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -88,6 +88,7 @@ class OpticalSystem:
     colours: Colours | None = None
     plate_scale_sigma: float = 0.0
     of_b: tuple[str, ...] = ()
+    _latest: _Latest = field(default_factory=_Latest, init=False, repr=False, compare=False)
 
     @property
     def further(self) -> Further:
@@ -167,10 +168,6 @@ class OpticalSystem:
         if len(kept) > _KEPT[derivatives]:
             kept.popitem(last=False)
         return otf
-
-    @cached_property
-    def _latest(self) -> _Latest:
-        return _Latest()
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Transfer function, exact at ``aberrations`` [nm], with the derivatives of an expansion nearby.

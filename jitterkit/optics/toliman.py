@@ -167,7 +167,11 @@ def toliman_pupil(highest: int = _HIGHEST) -> Pupil:
 
 def _kept() -> Pupil:
     """Return the pupil with all of its aberrations, from disk if it is there."""
-    path = cache_directory() / f"toliman-pupil-{_version() or _REFERENCE}-noll{_HIGHEST}.npz"
+    try:
+        version = importlib.metadata.version("dLuxToliman")
+    except importlib.metadata.PackageNotFoundError:
+        version = _REFERENCE
+    path = cache_directory() / f"toliman-pupil-{version}-noll{_HIGHEST}.npz"
     if path.exists():
         try:
             return read_pupil(path)
@@ -194,13 +198,6 @@ def cache_directory() -> Path:
     else:
         root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "jitterkit"
-
-
-def _version() -> str | None:
-    try:
-        return importlib.metadata.version("dLuxToliman")
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _build() -> Pupil:
