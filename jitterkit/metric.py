@@ -20,14 +20,14 @@ LARGE_FACTOR = 2.0
 class Metric(NamedTuple):
     """Hold information and curvature, by which steps are computed and measured.
 
-    The curvature, in units of ``scale`` that make its diagonal one, is ``vectors @ diag(sizes) @ vectors.T``.
+    Along the columns of ``axes`` the curvature is diagonal: ``axes.T @ curvature @ axes`` is ``diag(sizes)``.
+    They are orthonormal in units of the parameters that make its diagonal one.
     """
 
     information: Array
     curvature: Array
-    scale: Array
     sizes: Array
-    vectors: Array
+    axes: Array
 
     @classmethod
     def of(cls, information, stiffness) -> Metric:
@@ -35,20 +35,20 @@ class Metric(NamedTuple):
         scale = jnp.sqrt(jnp.diag(curvature))
         scale = jnp.where(scale > 0, scale, 1.0)
         sizes, vectors = jnp.linalg.eigh(curvature / jnp.outer(scale, scale))
-        return cls(information, curvature, scale, jnp.maximum(sizes, 0.0), vectors)
+        return cls(information, curvature, jnp.maximum(sizes, 0.0), vectors / scale[:, None])
 
     def step(self, score, damping=LEAST_DAMPING):
         """Return the damped step that a score asks for."""
-        along = self.vectors.T @ (score / self.scale)
-        return self.vectors @ (along / (self.sizes + damping)) / self.scale
+        return self.axes @ (score @ self.axes / (self.sizes + damping))
 
     def prediction_error(self, move, change):
         """Return the error of the predicted change of the score in a move, as a share of the move."""
-        return self.length(change + self.curvature @ move) / jnp.sqrt(move @ self.curvature @ move)
+        predicted = self.curvature @ move
+        return self.length(change + predicted) / jnp.sqrt(move @ predicted)
 
     def length(self, score):
         """Return the length of the undamped step, in standard errors."""
-        return jnp.sqrt(jnp.abs(score @ self.step(score)))
+        return jnp.sqrt(jnp.sum((score @ self.axes) ** 2 / (self.sizes + LEAST_DAMPING)))
 
 
 def invert_information(information) -> tuple[np.ndarray, bool]:

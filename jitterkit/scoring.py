@@ -193,9 +193,14 @@ def _in_numpy(tree):
 def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance, final_error) -> ScoringResult:
     vector, unravel = to_vector(start)
     index = np.asarray(free, int)
+    varies = np.isin(np.arange(len(vector)), index)
+    cuts = np.flatnonzero(np.diff(varies)) + 1
+    own_cuts = np.cumsum(varies)[cuts - 1]
 
     def parameters_at(values):
-        return unravel(vector.at[index].set(values))
+        # in pieces, since a scatter and its derivatives are compiled to loops
+        pieces = zip(jnp.split(vector, cuts), jnp.split(values, own_cuts), strict=True)
+        return unravel(jnp.concatenate([new if new.size else held for held, new in pieces]))
 
     def moments_at(values):
         return parameters_at(values).locus.moments()
@@ -274,7 +279,7 @@ def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance, fi
     state = _State(
         unknown,
         unknown,
-        Metric(square, square, square[0], square[0], square),
+        Metric(square, square, square[0], square),
         jnp.asarray(_DAMPING_START, kind),
         infinite,
         jnp.zeros((), kind),

@@ -80,12 +80,16 @@ def _factors(parameters: Parameters, otf: OTF):
     """The factors of the spectrum: jitter and pixel; the optics; and the stars that each of these images."""
     blur = parameters.locus.transfer(*_fx_fy(otf)) * _pixel(otf, parameters.diffusion)
     state = parameters.aberrations
-    optics = otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
-    return blur, optics, _point_sources(parameters.scene, otf, otf.plate_scale_shift(state))
+    return blur, _parts(otf, state), _point_sources(parameters.scene, otf, otf.plate_scale_shift(state))
+
+
+def _parts(otf: OTF, state):
+    """Parts of the optics: by the instrument's spectrum; by the spectral index; of B alone."""
+    return otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
 
 
 def _light(optics, stars):
-    """Sum over the parts of the optics: by the instrument's spectrum; by the spectral index; of B alone."""
+    """Sum the light over the parts of the optics."""
     pairs = zip(optics, stars, strict=True)
     return sum(part * sources for part, sources in pairs if part is not None and sources is not None)
 
@@ -177,13 +181,13 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     jacobian : (len(free), ny, nx) array
         Exact where the aberrations are the OTF's state.
     """
-    blur, optics, stars = _factors(parameters, otf)
     vector, unravel = jax.flatten_util.ravel_pytree(parameters.scene)
-    scale = otf.plate_scale_shift(parameters.aberrations)
-    scene = _pushforward(vector, lambda v: _point_sources(unravel(v), otf, scale))
-    coords = parameters.locus.coords
-    locus = _pushforward(coords, lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)))
-    light, pixel = _light(optics, stars), _pixel(otf, parameters.diffusion)
+    coords, state = parameters.locus.coords, parameters.aberrations
+    scale = otf.plate_scale_shift(state)
+    stars, scene = _linearized(lambda v: _point_sources(unravel(v), otf, scale), vector)
+    transfer, locus = _linearized(lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)), coords)
+    pixel, optics = _pixel(otf, parameters.diffusion), _parts(otf, state)
+    blur, light = transfer * pixel, _light(optics, stars)
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
         (scene, lambda parts: blur * _light(optics, parts)),
         (locus, lambda part: light * pixel * part),
@@ -222,12 +226,12 @@ def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np
         slopes.append(_light((None, None, otf.jacobian[np.array(otf.of_b)[beside]]), stars))
     if PLATE_SCALE in otf.names and (index := otf.names.index(PLATE_SCALE)) in rows:
         at = jnp.asarray(otf.plate_scale_shift(parameters.aberrations))
-        moved = _pushforward(at[None], lambda s: _point_sources(parameters.scene, otf, s[0]))(np.array([0]))
-        slopes[0] = slopes[0].at[common.tolist().index(index)].add(_light(optics, moved)[0])
+        _, moved = _linearized(lambda s: _point_sources(parameters.scene, otf, s[0]), at[None])
+        slopes[0] = slopes[0].at[common.tolist().index(index)].add(_light(optics, moved(np.array([0])))[0])
     return jnp.concatenate(slopes)
 
 
-def _pushforward(vector, function):
-    """Derivatives of a function of one part of the parameters, for chosen elements of it."""
-    _, push = jax.linearize(function, vector)
-    return lambda rows: jax.vmap(push)(jnp.eye(vector.size, dtype=vector.dtype)[rows])
+def _linearized(function, vector):
+    """A function of one part of the parameters there, and its derivatives for chosen elements of it."""
+    value, push = jax.linearize(function, vector)
+    return value, lambda rows: jax.vmap(push)(np.eye(vector.size, dtype=vector.dtype)[rows])
