@@ -73,6 +73,11 @@ class Number:
         return f"{self.unit} {self.comment}".strip()
 
     @property
+    def said(self) -> str:
+        """Return ``"EXPTIME = 30"``."""
+        return f"{self.key} = {self.value:g}"
+
+    @property
     def positive(self) -> bool:
         """Return whether it is positive and finite."""
         return 0 < self.value < math.inf
@@ -111,6 +116,10 @@ class Cards:
         other.warnings = []
         return other
 
+    def warn(self, text: str) -> None:
+        """Add a warning, each once."""
+        self.warnings += [text] * (text not in self.warnings)
+
     def find(self, key: str) -> tuple[Any, str, str] | None:
         """Return ``(value, comment, source)`` of a keyword, or None."""
         for header, hdu in self.layers:
@@ -147,11 +156,10 @@ class Cards:
         value, comment, source = card
         number = parse_number(value)
         if number is None:
-            self.warnings.append(f"{key} = {value!r} is not a number and is ignored")
+            self.warn(f"{key} = {value!r} is not a number and is ignored")
             return None
         if isinstance(value, str) and _PERHAPS_A_LIST.match(value):
-            said = f"{key} = {value!r} is read as {number[0]:g}: if it is a list, give its number"
-            self.warnings += [said] * (said not in self.warnings)
+            self.warn(f"{key} = {value!r} is read as {number[0]:g}: if it is a list, give its number")
         return Number(*number, comment, source, key)
 
     def quantity(self, name: str, key: str) -> Number | None:
@@ -159,23 +167,21 @@ class Cards:
         number = self.number(key)
         if number is None:
             return None
-        said = f"{key} = {number.value:g}"
         if not number.unit:  # EXPUNIT is that of EXPTIME
             beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
             number = replace(number, unit=next(filter(None, map(self.text, beside)), ""))
         if name not in _TIMES and re.match(r"[-+\d. ]+/\s*\d", self.text(key)):
-            self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
+            self.warn(f"{key} = {self.text(key)!r} is not a number and is ignored")
             return None
         other = other_number(name, number.words)
-        if other is not None and not _repeats(other, number):
-            self.warnings.append(
-                f"{said} means something else ({other!r} in {number.words!r}) and is ignored"
-            )
+        again = None if other is None else parse_number(other)  # 0.01667 is 1/60
+        if other is not None and not (again and math.isclose(again[0], number.value, rel_tol=0.01)):
+            self.warn(f"{number.said} means something else ({other!r} in {number.words!r}) and is ignored")
             return None
         meaning = self._meaning(name, number)
         if meaning is None:
             words = number.words or f"TIMEUNIT = {self.text('TIMEUNIT')!r}"
-            self.warnings.append(f"{said} has a unit that is not read ({words}) and is ignored")
+            self.warn(f"{number.said} has a unit that is not read ({words}) and is ignored")
             return None
         if isinstance(meaning, str):
             return replace(number, counted=meaning)
@@ -188,7 +194,7 @@ class Cards:
         if number is None or problem is None:
             return number
         if (key, number.value) != ("EGAIN", 0):  # so programs write that they do not know it
-            self.warnings.append(f"{key} = {number.value:g} {problem} and is ignored")
+            self.warn(f"{key} = {number.value:g} {problem} and is ignored")
         return None
 
     def believed(self, name: str) -> Iterator[Number]:
@@ -207,7 +213,7 @@ class Cards:
         if unit is None and name == "saturation" and _BARE_WELL.search(number.comment):
             return None
         if not unit and number.key == "SCALE":
-            self.warnings.append(f"SCALE = {number.value:g} has no unit and is taken as arcsec/pixel")
+            self.warn(f"{number.said} has no unit and is taken as arcsec/pixel")
         return factor(name, unit) if unit else ""
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
@@ -221,7 +227,7 @@ class Cards:
         mean = math.fsum(values) / len(values)
         if max(values) - min(values) > 0.01 * abs(mean):
             shown = f"{numbers[0].key} to {numbers[-1].key} = {min(values):g} to {max(values):g}"
-            self.warnings.append(f"the amplifiers differ ({shown}); their mean is taken")
+            self.warn(f"the amplifiers differ ({shown}); their mean is taken")
         first = numbers[0]
         return replace(
             first,
@@ -237,17 +243,9 @@ class Cards:
         if name in _AGREEMENT and number.key not in self.dialect.keywords.get(name, ()):
             for other in self.aside.believed(name):
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
-                    found = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
-                    self.warnings.append(
-                        f"{number.key} = {number.value:g} is used, and {found} contradicts it"
-                    )
+                    found = f"{other.said} {QUANTITIES[name].unit}"
+                    self.warn(f"{number.said} is used, and {found} contradicts it")
         return Sourced(number.value, QUANTITIES[name].unit, number.source)
-
-
-def _repeats(text: str, number: Number) -> bool:
-    """Return whether words of a comment say the same number again: 0.01667 is 1/60."""
-    again = parse_number(text)
-    return again is not None and math.isclose(again[0], number.value, rel_tol=0.01)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

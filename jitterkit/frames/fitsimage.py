@@ -16,7 +16,7 @@ from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import resolve
-from jitterkit.frames.metadata import Metadata, Sourced
+from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.scaled import scaled_up
 from jitterkit.frames.sections import outside_of_data
@@ -62,9 +62,6 @@ class FitsImage:
         self._noise = {role: part for role, part in group.parts.items() if role != "quality"}
         self._factor, self._unverified = 1.0, True
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
-        self.metadata = self._resolved(primary, tables)
-
-    def _resolved(self, primary: Mapping[str, Any], tables: Callable[[], Any]) -> Metadata:
         header, number, quality = self.hdu.header, self.hdu.number, self.group.parts.get("quality")
         alone = str(header.get("INHERIT", "")).strip().upper() in ("F", "FALSE")
         inherit = primary if number and not alone else None
@@ -93,7 +90,7 @@ class FitsImage:
             known = Sourced(bits, "", f"{quality.label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
         metadata = metadata.warn(*header.warnings, *messages, *odd, *self.group.warnings)
-        return metadata.reordered(-1) if from_top else metadata
+        self.metadata = metadata.reordered(-1) if from_top else metadata
 
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""

@@ -66,7 +66,10 @@ def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
     if (ny, nx) == raw.shape:
         return raw
     step = max(1, min(ny, nx) // 16)
-    noise = _pixel_noise(raw)
+    # between every other pixel, so that a colour mosaic is not noise
+    rows = slice(None, None, max(1, raw.shape[0] // 500))
+    steps = (raw.data[rows, 2:] - raw.data[rows, :-2])[~(raw.mask[rows, 2:] | raw.mask[rows, :-2])]
+    noise = _spread(steps) / math.sqrt(2)
     light = _light(raw, noise, step, TILE * max(ny, nx) // step)
     x, y = _brightest(light, (ny, nx), step, noise, raw.path or Path(raw.name))
     x, y = _centred(light, x, y, (ny / step, nx / step))
@@ -137,13 +140,6 @@ def _brightest(
         remedy = "check that the frame holds a star, or name the region"
         raise FrameError(ErrorCode.NO_STAR, path, problem, remedy)
     return x + (box - 1) / 2, y + (box - 1) / 2
-
-
-def _pixel_noise(raw: RawFrame) -> float:
-    """Return the noise of a pixel, measured between every other one so that a colour mosaic is not noise."""
-    rows = slice(None, None, max(1, raw.shape[0] // 500))
-    steps = (raw.data[rows, 2:] - raw.data[rows, :-2])[~(raw.mask[rows, 2:] | raw.mask[rows, :-2])]
-    return _spread(steps) / math.sqrt(2)
 
 
 def _spread(values: np.ndarray) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,13 +29,6 @@ most frequent value, and different values among them, that show a step."""
 
 _COMMON, _LEAST = 8, 3
 """Frequent values, of whose divisors one is the step, and the step from which pixels are warned of."""
-
-
-class Scaling(NamedTuple):
-    """By what ``factor`` pixels were scaled, and ``how`` that shows, in words."""
-
-    factor: float
-    how: str
 
 
 def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[str]:
@@ -87,24 +79,23 @@ def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[
     return [f"{said}: if {own} is that of the unscaled numbers, give --gain {unscaled:g}"]
 
 
-def _multiplied(apart: np.ndarray) -> Scaling | None:
-    """Recognise numbers whose differences from the most frequent one are multiples, from 3 on."""
+def _multiplied(apart: np.ndarray) -> tuple[float, str] | None:
+    """Recognise numbers whose differences from the most frequent one are multiples, from 3 on.
+
+    Returns by what factor the pixels were scaled, and how that shows, in words.
+    """
     numbers, counts = np.unique(apart, return_counts=True)
     common = numbers[np.argsort(counts)[-_COMMON:]]
     for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
         whole = apart % step == 0
         if whole.mean() >= 1 - _MOST_ODD and len(np.unique(apart[whole])) >= _DISTINCT:
-            break
-    else:
-        return None
-    if step < _LEAST:
-        return None
-    bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
-    return Scaling(float(step), f"multiples of {step}{bits}")
+            bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
+            return (float(step), f"multiples of {step}{bits}") if step >= _LEAST else None
+    return None
 
 
-def _stretched(numbers: np.ndarray) -> Scaling | None:
-    """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale."""
+def _stretched(numbers: np.ndarray) -> tuple[float, str] | None:
+    """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale, likewise."""
     for bits in _BITS:
         full, shift = (1 << bits) - 1, 16 - bits
         codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
@@ -115,5 +106,5 @@ def _stretched(numbers: np.ndarray) -> Scaling | None:
         for made in (np.rint(codes * (_FULL / full)), repeated):
             same = made == numbers
             if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
-                return Scaling(_FULL / full, f"those of {bits} bits stretched to 16")
+                return _FULL / full, f"those of {bits} bits stretched to 16"
     return None

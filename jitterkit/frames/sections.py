@@ -42,23 +42,15 @@ def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | 
     for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
         if (section := _SECTION.fullmatch(cards.text(key))) is None:
             continue
-        inside = _inside(section, shape)
-        outside = inside if inside is None or key == "BIASSEC" else ~inside
-        if outside is None or not 0 < outside.mean() <= _LEAST:
+        x0, x1, y0, y1 = map(int, section.groups())
+        (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
+        outside = np.full(shape, key != "BIASSEC")
+        outside[y0 - 1 : y1, x0 - 1 : x1] = key == "BIASSEC"
+        is_of_image = x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]
+        if not is_of_image or not 0 < outside.mean() <= _LEAST:
             break
         return outside, f"{key} = {section[0]!r}: {int(outside.sum())} pixels hold no sky and are masked"
     return None, ""
-
-
-def _inside(section: re.Match[str], shape: tuple[int, int]) -> np.ndarray | None:
-    """Return where a section lies; None unless it is one of this image."""
-    x0, x1, y0, y1 = map(int, section.groups())
-    (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
-    if not (x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]):
-        return None
-    inside = np.zeros(shape, bool)
-    inside[y0 - 1 : y1, x0 - 1 : x1] = True
-    return inside
 
 
 def without_border(raw: RawFrame) -> RawFrame:

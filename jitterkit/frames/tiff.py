@@ -127,7 +127,11 @@ class TiffFile(FrameFile):
                 refuse_missing_data(self.path, page, self._tiff.filehandle.size)
                 stored = _decode(self.path, page)
             else:
-                stored = _plane(self._tiff, page, index)
+                ny, nx = page.imagelength, page.imagewidth
+                dtype = np.dtype(page.dtype).newbyteorder(self._tiff.byteorder)
+                start = self._tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
+                plane = self._tiff.filehandle.read_array(dtype, count=ny * nx, offset=start)
+                stored = plane.reshape(ny, nx)
         upright = ORIENTATIONS[orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
         talk += scaled_up(data, self.metadata)
@@ -170,13 +174,6 @@ def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None
 def _refuse_missing_planes(path: Path, declared: int, present: int) -> None:
     if declared > present:
         raise truncated(path, f"declares {declared} frames and holds {present}")
-
-
-def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:
-    ny, nx = page.imagelength, page.imagewidth
-    dtype = np.dtype(page.dtype).newbyteorder(tiff.byteorder)
-    start = tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
-    return tiff.filehandle.read_array(dtype, count=ny * nx, offset=start).reshape(ny, nx)
 
 
 def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:

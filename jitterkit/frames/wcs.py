@@ -96,7 +96,9 @@ def _turn_warnings(header: PlainHeader, wcs: WCS | None) -> list[str]:
 def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     """The WCS of some cards where it is celestial, and what was said of it."""
     # strictly a map of right ascension itself, 1/cos(dec) too wide; who writes so means the usual projection
-    projected = _projected(cards)
+    each = (cards[start : start + CARD] for start in range(0, len(cards), CARD))
+    with_tan = (_BARE.sub(lambda c: f"{c[1]}{c[2]:-<5}TAN'", card)[:CARD].ljust(CARD) for card in each)
+    projected = "".join(with_tan)
     # a tangent plane has no parameters in latitude: these are polynomials, as older SCAMP writes them
     scamp = _TAN.sub(r"\1TPV\2", projected) if _PV2.search(cards) else projected
     with overheard(log) as said, collected() as caught:  # astropy prints warnings of distortions
@@ -113,9 +115,3 @@ def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
         said.append("the WCS is TAN with PV of SCAMP and is read as TPV")
     said += problems
     return celestial, tuple(dict.fromkeys(said))
-
-
-def _projected(cards: str) -> str:
-    """Return the cards with the tangent projection where their CTYPE names none."""
-    each = (cards[start : start + CARD] for start in range(0, len(cards), CARD))
-    return "".join(_BARE.sub(lambda c: f"{c[1]}{c[2]:-<5}TAN'", card)[:CARD].ljust(CARD) for card in each)
