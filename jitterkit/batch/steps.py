@@ -26,8 +26,8 @@ from jitterkit.batch.records import SceneEstimate
 from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames.altered import without_border
 from jitterkit.frames.region import find_region
-from jitterkit.frames.sections import without_border
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import Master, MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 NOISY = 5.0

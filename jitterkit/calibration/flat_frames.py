@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import Master, MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 DEAD = 0.5

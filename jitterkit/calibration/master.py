@@ -5,6 +5,9 @@ Reach for :func:`combine`.  A value is left out if it lies further from the midd
 cut tails by the noise of the noise, but off the pixels around it; only a pixel that is noisier than they
 are is measured by its own values, extremes left out.  So almost nothing is cut where there is nothing to
 cut, and what is cut is known.
+
+A :class:`MeasuredMap` is what is made of masters: a map with its error.  One number for all pixels may serve
+better.
 """
 
 from __future__ import annotations
@@ -245,3 +248,58 @@ def _neighbours(deviations: np.ndarray) -> np.ndarray:
     across = np.vdot(quiet[:, :, 1:], quiet[:, :, :-1]) / max(quiet.shape[2] - 1, 1) * quiet.shape[2]
     along = np.vdot(quiet[:, 1:], quiet[:, :-1]) / max(quiet.shape[1] - 1, 1) * quiet.shape[1]
     return np.array([(across + along) / 2, np.vdot(quiet, quiet)])
+
+
+_MANY = 10_000
+"""Frames that nobody takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMap:
+    """A map with its error.
+
+    Parameters
+    ----------
+    name : str
+        As the detector calls it: ``"bias"``, ``"read_noise"``, ``"dark_current"``, ``"flat"``.
+    unit : str
+    values : (ny, nx) array
+    error : float
+        Standard error of a typical pixel.
+    number, number_error : float
+        That of all good pixels, and its standard error.
+    spread : float
+        Standard deviation over the good pixels.
+    frames : int
+        How many frames it was made of.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    error: float
+    number: float
+    number_error: float
+    spread: float
+    frames: int
+
+    @property
+    def true_spread(self) -> float:
+        """Return the spread less what the errors make of it; zero where they make all of it."""
+        return max(self.spread**2 - self.error**2, 0.0) ** 0.5
+
+    @property
+    def serves(self) -> bool:
+        """Return whether pixels differ by more than the map's error: else a number is nearer to the truth."""
+        return self.true_spread > self.error
+
+    def sentence(self) -> str:
+        """Say whether the frames were enough."""
+        unit = f" {self.unit}" if self.unit else ""
+        ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
+        conclusion = "the map serves" if self.serves else "one number serves better than the map"
+        more = ""
+        if 0 < self.true_spread <= self.error:
+            wanted = int(np.ceil(self.frames * (self.error / self.true_spread) ** 2 * 2))
+            more = f", until there are some {wanted} frames" if wanted < _MANY else ""
+        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {conclusion}{more}."

@@ -2,7 +2,7 @@
 
 One object works in both directions.  :meth:`Detector.expose` makes numbers of an expected image, in the
 order nature does: photons arrive, the well fills, the amplifier adds noise, the converter rounds and
-runs out of bits (:mod:`jitterkit.detectors.readout`).  :meth:`Detector.calibrate` goes back, and says for
+runs out of bits (:mod:`jitterkit.detectors.reduction`).  :meth:`Detector.calibrate` goes back, and says for
 every pixel how far it is to be trusted (:mod:`jitterkit.detectors.reduction`).  A frame that knows its own
 gain or noise keeps it; :meth:`Detector.inform` lays the detector's numbers underneath, by the ranks of
 :mod:`jitterkit.frames.metadata`.
@@ -34,8 +34,15 @@ import numpy as np
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, ceiling, piece, supplement
-from jitterkit.detectors.readout import amplified, collected, digitised
-from jitterkit.detectors.reduction import disproved, flags, of_adu, of_electrons
+from jitterkit.detectors.reduction import (
+    amplified,
+    collected_charge,
+    digitised,
+    disproved,
+    flags,
+    of_adu,
+    of_electrons,
+)
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata
@@ -204,7 +211,7 @@ class Detector(Characteristics):
                 problem = f"{name} needs the exposure of the frame; give exposure, in s."
                 raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
-        charge = collected(self, expected, rng, exposure, origin)
+        charge = collected_charge(self, expected, rng, exposure, origin)
         return digitised(self, amplified(self, charge, rng, origin), origin)
 
 

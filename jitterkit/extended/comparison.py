@@ -7,6 +7,7 @@ noise of the sharp frame is blurred too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -16,8 +17,13 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.blurs import Transfer
 from jitterkit.vision import box_mean
+
+Slopes = Callable[[], list[np.ndarray]]
+"""Computes the derivatives of a transfer function by its parameters."""
+
+Transfer = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, Slopes]]
+"""The transfer function of parameters at frequencies (x, y) [cycles/pixel], and its derivatives."""
 
 _BAND = 0.45
 """Cycles/pixel; beyond, frames alias."""
@@ -64,7 +70,7 @@ class Fit:
     Attributes
     ----------
     transfer : function
-        One of :mod:`jitterkit.extended.blurs`.
+        One of those in :mod:`jitterkit.extended.blur_fit`.
     p : (k,) array
         ``(log gain, x, y, *q)``: the shift [pixels], and the parameters ``q`` of the transfer function.
     covariance : (k, k) array

@@ -8,21 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.altered import outside_of_data, scaled_up
 from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, rows_from_the_top, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
+from jitterkit.frames.fitsio import celestial_wcs
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import resolve
 from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.scaled import scaled_up
-from jitterkit.frames.sections import outside_of_data
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
-from jitterkit.frames.wcs import celestial_wcs
 
 _MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
 

@@ -17,6 +17,7 @@ import numpy as np
 import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames.altered import scaled_up
 from jitterkit.frames.files import truncated
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, overheard, translated
@@ -32,7 +33,6 @@ from jitterkit.frames.pages import (
     refuse_unusable,
 )
 from jitterkit.frames.planes import roles_of_labels
-from jitterkit.frames.scaled import scaled_up
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 

@@ -10,9 +10,8 @@ import numpy as np
 from jitterkit.detectors import Detector
 from jitterkit.detectors.characteristics import NUMBERS
 from jitterkit.frames.metadata import QUANTITIES
-from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.instruments.sky import SKY_KEYS
+from jitterkit.instruments.sky import SKY_KEYS, BackgroundStars
 
 Row = tuple[str, str, str, str]
 

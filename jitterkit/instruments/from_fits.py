@@ -18,7 +18,7 @@ from jitterkit.frames.sidecar import toml_text
 from jitterkit.frames.writer import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
-from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
+from jitterkit.instruments.pupils import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import LIGHT, Spectrum, flat_band
 
 Tables = dict[str, dict[str, Any]]
@@ -65,7 +65,7 @@ def instrument_from_fits(
     wavelength : float, optional
         nm, of a pupil's light, in place of a band.
     opd, opd_unit, plane, diameter
-        Of a pupil: see :func:`~jitterkit.instruments.pupil_fits.pupil_arrays`.
+        Of a pupil: see :func:`~jitterkit.instruments.pupils.pupil_arrays`.
     noll : sequence of int
         Of a pupil: the aberrations that may vary, on the circle about its lit samples.
     overwrite : bool

@@ -19,11 +19,10 @@ from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
 from jitterkit.starfield.certainty import growing, not_linear
-from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
 from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
-from jitterkit.starfield.psf import Psf, field_psf
+from jitterkit.starfield.psf import Common, Psf, common_moments, field_psf
 from jitterkit.starfield.trail import Trail, trail_against, trail_alone
 
 _NO_PATTERN = ("smear", "round", "undetermined")

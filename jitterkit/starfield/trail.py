@@ -16,11 +16,10 @@ from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield import certainty
-from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
 from jitterkit.starfield.moments import Moments, Stars
-from jitterkit.starfield.psf import Psf, stack_psf
+from jitterkit.starfield.psf import Common, Psf, stack_psf
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""

@@ -1,17 +1,22 @@
-"""Pixels of few bits that a program has scaled to 16: a gain of the converter is not theirs.
+"""Pixels that do not hold what the detector read of the sky, as a program has scaled or filled them.
 
-Reach for :func:`scaled_up`, which warns of them.  Programs shift 12 bits left by four, or stretch them so
-that full scale becomes 65535; the gain in e-/ADU, the saturation and the bias of a data sheet are then 16
-times off.
+:func:`scaled_up` warns of few bits that were scaled to 16.  Programs shift 12 bits left by four, or stretch
+them so that full scale becomes 65535; the gain in e-/ADU, the saturation and the bias of a data sheet are
+then 16 times off.  :func:`outside_of_data` finds pixels outside of the sections that IRAF writes, and
+:func:`without_border` masks those at the edges that have been filled.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 
+from jitterkit.frames.cards import Cards
+from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
 
 _BITS = (8, 10, 12, 14)
@@ -108,3 +113,89 @@ def _stretched(numbers: np.ndarray) -> tuple[float, str] | None:
             if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
                 return _FULL / full, f"those of {bits} bits stretched to 16"
     return None
+
+
+_SECTION = re.compile(r"\[\s*(\d+)\s*:\s*(\d+)\s*,\s*(\d+)\s*:\s*(\d+)\s*\]")
+
+_LEAST_SHARE = 0.5
+"""Share of the pixels that a section of data has at least."""
+
+_CHANCE = 1e-6
+"""Chance from which on a line of one value at the edge may be one of a frame."""
+
+
+def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
+    """Find pixels that hold no sky: those outside of ``TRIMSEC`` or ``DATASEC``, or in ``BIASSEC``.
+
+    Parameters
+    ----------
+    cards : Cards
+    shape : (int, int)
+        ``(ny, nx)`` of the image as stored.
+
+    Returns
+    -------
+    outside : (ny, nx) bool array or None
+        None where all pixels are data.
+    warning : str
+        Empty where all pixels are data.
+
+    Notes
+    -----
+    The first of them decides.  If it does not lie in the image, that was trimmed later, and none counts.
+    """
+    for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
+        if (section := _SECTION.fullmatch(cards.text(key))) is None:
+            continue
+        x0, x1, y0, y1 = map(int, section.groups())
+        (x0, x1), (y0, y1) = sorted((x0, x1)), sorted((y0, y1))
+        outside = np.full(shape, key != "BIASSEC")
+        outside[y0 - 1 : y1, x0 - 1 : x1] = key == "BIASSEC"
+        is_of_image = x0 >= 1 and x1 <= shape[1] and y0 >= 1 and y1 <= shape[0]
+        if not is_of_image or not 0 < outside.mean() <= _LEAST_SHARE:
+            break
+        return outside, f"{key} = {section[0]!r}: {int(outside.sum())} pixels hold no sky and are masked"
+    return None, ""
+
+
+def without_border(raw: RawFrame) -> RawFrame:
+    """Mask rows and columns at the edges that a program has filled with one value, with a warning.
+
+    Parameters
+    ----------
+    raw : RawFrame
+
+    Returns
+    -------
+    raw : RawFrame
+        The same pixels.
+
+    Notes
+    -----
+    A line of one value is chance where many pixels inside have that value too, or many of those next to the
+    border, as around a star of few photons, and is kept.
+    """
+    data, inside = raw.data, raw.data
+    ends, values = [0, data.shape[0], 0, data.shape[1]], set()
+    side = kept = 0
+    while kept < 4 and min(inside.shape) > 1:  # a border on one side hides those of the others
+        line = (inside[0], inside[-1], inside[:, 0], inside[:, -1])[side]
+        if (line == line[0]).all():
+            ends[side] += (1, -1)[side % 2]
+            values.add(float(line[0]))
+            kept = 0
+        else:
+            side, kept = (side + 1) % 4, kept + 1
+        inside = data[ends[0] : ends[1], ends[2] : ends[3]]
+    if not values or inside.size < _LEAST_SHARE * data.size:
+        return raw
+    ring = np.concatenate([inside[0], inside[-1], inside[:, 0], inside[:, -1]])
+    parts = (inside, ring)
+    shares = (max(np.mean(part == value) for part in parts) ** min(inside.shape) for value in values)
+    border = np.ones(data.shape, bool)
+    border[ends[0] : ends[1], ends[2] : ends[3]] = False
+    if max(shares) * sum(data.shape) > _CHANCE or raw.mask[border].all():
+        return raw
+    shown = ", ".join(f"{value:g}" for value in sorted(values)[:3])
+    said = f"{int(border.sum())} pixels in rows or columns of {shown} at the edges are masked"
+    return replace(raw, mask=raw.mask | border, metadata=raw.metadata.warn(said))
