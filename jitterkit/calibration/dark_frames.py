@@ -37,20 +37,6 @@ def bias_map(master: Master, good: np.ndarray) -> MeasuredMap:
     return MeasuredMap("bias", "ADU", master.mean, error, number, number_error, spread, master.frames)
 
 
-def noisy_pixels(master: Master) -> np.ndarray:
-    """Return the pixels whose noise is several times that of the pixels around them.
-
-    Parameters
-    ----------
-    master : Master
-
-    Returns
-    -------
-    noisy : (ny, nx) bool array
-    """
-    return master.variance > NOISY**2 * master.usual
-
-
 def read_noise_map(master: Master, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:
     """Return the noise of reading each pixel.
 

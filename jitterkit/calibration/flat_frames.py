@@ -51,20 +51,6 @@ class Response:
         """Light of each pixel in all frames together [ADU]."""
         return np.asarray(self._sum)
 
-    def dead_pixels(self, usable: np.ndarray, share: float = DEAD) -> np.ndarray:
-        """Return the pixels whose response is below a share of that of the pixels around.
-
-        Parameters
-        ----------
-        usable : (ny, nx) bool array
-        share : float
-
-        Returns
-        -------
-        dead : (ny, nx) bool array
-        """
-        return usable & (self.sums < share * surface(self.sums, usable))
-
     def map(
         self, good: np.ndarray, *, smooth: bool = False, bend: float = 1.0
     ) -> tuple[MeasuredMap, MeasuredMap]:

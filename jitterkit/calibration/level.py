@@ -107,7 +107,10 @@ def measure_level(
         of_bias = float(np.mean(bias.variance[lit], dtype=float)) / bias.frames
         statistical += of_bias / pixels
         of_mean = (level.variance + master.rounding) / master.frames + of_bias
-        spatial = _spatial(light, lit) - of_mean + level.variance
+        # of the mean frame over its pixels, a smooth surface taken out
+        even = (light / surface(np.where(lit, light, 0.0), lit))[lit]
+        spatial = float(np.var(even) * np.mean(light[lit]) ** 2 / np.mean(even) ** 2)
+        spatial = spatial - of_mean + level.variance
     return replace(
         level,
         signal=signal,
@@ -147,13 +150,6 @@ def _noise_of(master: Master, pixels: np.ndarray) -> Level:
         covariance=master.neighbours * whole,
         covariance_error=whole / pairs**0.5,
     )
-
-
-def _spatial(light: np.ndarray, lit: np.ndarray) -> float:
-    """Return the variance of the mean frame over its pixels, a smooth surface taken out."""
-    flat = surface(np.where(lit, light, 0.0), lit)
-    residual = (light / flat)[lit]
-    return float(np.var(residual) * np.mean(light[lit]) ** 2 / np.mean(residual) ** 2)
 
 
 _SIGNIFICANT = 4.0

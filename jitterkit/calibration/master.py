@@ -149,7 +149,10 @@ def combine(
             strip = band[:, top : top + _TILE]
             at = slice(first + top, first + top + strip.shape[1])
             origin = (strip[0] - pedestal) / factors[0]
-            deviations = _deviations(strip, origin, factors, pedestal)
+            # of the first frame's values, so that single precision loses nothing
+            deviations = np.empty(strip.shape, dtype=np.float32)
+            for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
+                deviations[index] = (plane - pedestal) / factor - origin
             centre, scatter = _moments(deviations)
             usual[at] = _tiles(scatter, len(stack))
             _clip(deviations, centre, scatter, kept[at], usual[at], clip)
@@ -169,14 +172,6 @@ def kept_variance(clip: float, frames: int) -> float:
     """
     reach = clip / (1 - 1 / frames) ** 0.5
     return float(1 - 2 * reach * stats.norm.pdf(reach) / (1 - 2 * stats.norm.sf(reach)))
-
-
-def _deviations(strip: np.ndarray, origin: np.ndarray, factors: np.ndarray, pedestal: float) -> np.ndarray:
-    # of the first frame's values, so that single precision loses nothing
-    deviations = np.empty(strip.shape, dtype=np.float32)
-    for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
-        deviations[index] = (plane - pedestal) / factor - origin
-    return deviations
 
 
 def _moments(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +197,10 @@ def _clip(
     values = np.sort(deviations[:, suspects].astype(np.float64), axis=0)
     own = _own_variance(values)
     noise = np.where(own > _NOISY * usual[suspects], own, usual[suspects])
-    keep = np.abs(values - _middle(values)) <= clip * np.sqrt(noise)
+    # the mean of the middle half: as robust as the median, but no whole number
+    outer = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
+    middle = values[outer : len(values) - outer].mean(axis=0)
+    keep = np.abs(values - middle) <= clip * np.sqrt(noise)
     keep[: len(values) // 2] |= ~keep.any(axis=0)  # of two that differ, the lower: a ray only adds
     count = keep.sum(axis=0)
     mean = np.where(keep, values, 0.0).sum(axis=0) / count
@@ -232,12 +230,6 @@ def _own_variance(values: np.ndarray) -> np.ndarray:
     reach = stats.norm.isf(left_out / len(values))
     share = 1 - 2 * reach * stats.norm.pdf(reach) / (1 - 2 * left_out / len(values))
     return core.var(axis=0, ddof=1) / share
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the mean of the middle half of sorted values: as robust as the median, but no whole number."""
-    left_out = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
-    return values[left_out : len(values) - left_out].mean(axis=0)
 
 
 def _neighbours(deviations: np.ndarray) -> np.ndarray:

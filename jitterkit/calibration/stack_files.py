@@ -103,7 +103,7 @@ def _seen(raw: RawFrame, kind: str, exposure: float | None, file: FrameFile) -> 
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     shot, known = look(raw.name, raw.data, seconds), raw.metadata
     shot = replace(shot, path=raw.path, index=raw.index, gain=known.value("gain"))
-    settings = settings_of(file.text)
+    settings = {card: said for card in (*SETTINGS, TEMPERATURE, FILTER) if (said := file.text(card))}
     if known.bias is not None and "was subtracted" in known.bias.source:
         settings[WITHOUT_BIAS] = known.bias.source
     return replace(shot, warnings=(*known.warnings, *unlike), settings=settings)
@@ -179,11 +179,6 @@ def check_kind(raw: RawFrame, kind: str, text: Callable[[str], str]) -> tuple[st
     problem = f"is given as a {kind} frame, and is none by {name}"
     remedy = f"leave it out of the {kind} frames, or correct {card}"
     raise FrameError(ErrorCode.WRONG_INSTRUMENT, raw.path or raw.name, problem, remedy)
-
-
-def settings_of(text: Callable[[str], str]) -> dict[str, str]:
-    """Return what a header says of the camera: its settings, temperature and filter, those that it has."""
-    return {card: said for card in (*SETTINGS, TEMPERATURE, FILTER) if (said := text(card))}
 
 
 def differ(one: str, other: str) -> bool:

@@ -31,18 +31,10 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.detectors import reduction
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, ceiling, piece, supplement
-from jitterkit.detectors.reduction import (
-    amplified,
-    collected_charge,
-    digitised,
-    disproved,
-    flags,
-    of_adu,
-    of_electrons,
-)
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata
@@ -135,11 +127,11 @@ class Detector(Characteristics):
         if raw.variance is not None:
             raw = with_read_variance(raw, metadata)
             metadata = self.inform(raw.metadata)
-        wrong, detector, is_adu = disproved(self, raw, metadata), self, raw.unit == "adu"
+        wrong, detector, is_adu = reduction.disproved(self, raw, metadata), self, raw.unit == "adu"
         if wrong:
             detector = replace(self, **wrong)
             metadata = detector.inform(raw.metadata)
-        counts = (of_adu if is_adu else of_electrons)(detector, raw, metadata)
+        counts = (reduction.of_adu if is_adu else reduction.of_electrons)(detector, raw, metadata)
         where = raw.name, raw.origin, raw.shape
         flat = 1.0 if self.flat is None else piece("flat", self.flat, *where)
         bad = counts.unknown | np.asarray(flat <= 0)
@@ -147,7 +139,7 @@ class Detector(Characteristics):
             bad = bad | np.asarray(piece("bad_pixels", self.bad_pixels, *where), dtype=bool)
         response = np.where(flat > 0, flat, 1.0) if is_adu and np.ndim(flat) else 1.0
         full = counts.full & ~raw.mask
-        said = flags(self, raw, metadata, bool(np.any(full)), bool(wrong))
+        said = reduction.flags(self, raw, metadata, bool(np.any(full)), bool(wrong))
         return Frame(
             electrons=counts.electrons / response,
             read_variance=np.asarray(counts.variance),
@@ -211,8 +203,8 @@ class Detector(Characteristics):
                 problem = f"{name} needs the exposure of the frame; give exposure, in s."
                 raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
-        charge = collected_charge(self, expected, rng, exposure, origin)
-        return digitised(self, amplified(self, charge, rng, origin), origin)
+        charge = reduction.collected_charge(self, expected, rng, exposure, origin)
+        return reduction.digitised(self, reduction.amplified(self, charge, rng, origin), origin)
 
 
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"

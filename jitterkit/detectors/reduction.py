@@ -22,21 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.detectors import response
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import GUESSED
 from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own, piece
-from jitterkit.detectors.response import (
-    BORDER,
-    beside,
-    broaden,
-    collected,
-    couple,
-    decouple,
-    decoupled_variance,
-    measured,
-    narrow,
-    slope,
-)
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.metadata import Metadata
@@ -65,7 +54,14 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
     """Return the counts of a frame in ADU, by the detector's numbers and the frame's."""
     gain, where = metadata.value("gain"), (raw.name, raw.origin, raw.shape)
     bias = piece("bias", own(detector, "bias", metadata), *where)
-    clips, well = _ends(detector, metadata)
+    # A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
+    # empty neighbour, so that it is looked for in the charge.
+    clips, well = metadata.value("saturation", math.inf), math.inf
+    ending, level = ceiling(detector, metadata)
+    if detector.full_well is not None and math.isclose(clips, level, rel_tol=SAME):  # nobody else's level
+        well = detector.full_well
+        if ending == "full_well":
+            clips = min(detector.largest, detector.saturation or math.inf)
     charge, steepness = _linear(detector, np.asarray((raw.data - bias) * gain))
     if raw.variance is None:
         noise = piece("read_noise", own(detector, "read_noise", metadata), *where)
@@ -77,22 +73,22 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
     if detector.coupling or detector.brighter_fatter:
         # what a pixel without a reading has given to its neighbours, or taken, is not known
         missing = raw.mask | clipped
-        unknown = beside(missing) & ~missing
+        unknown = response.beside(missing) & ~missing
     if detector.coupling:
-        charge = decouple(charge, detector.coupling)
-        variance = decoupled_variance(variance, detector.coupling)
+        charge = response.decouple(charge, detector.coupling)
+        variance = response.decoupled_variance(variance, detector.coupling)
     current = detector.dark_current
     current = 0.0 if current is None else piece("dark_current", current, *where)
     dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
     if detector.brighter_fatter:
-        well = min(well, BORDER / detector.brighter_fatter)
+        well = min(well, response.BORDER / detector.brighter_fatter)
         brim = np.minimum(brim, well)
     top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
     full = clipped | (charge >= brim * (1 - _ROUNDING))
     if detector.brighter_fatter:
-        unknown |= beside(full) & ~full
-        charge = narrow(np.minimum(charge, well), detector.brighter_fatter)
+        unknown |= response.beside(full) & ~full
+        charge = response.narrow(np.minimum(charge, well), detector.brighter_fatter)
     return Counts(
         electrons=charge - dark,
         variance=variance + dark,
@@ -104,34 +100,24 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
 
 def of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Counts:
     """Take electrons as they are: another program has calibrated them."""
-    level = _in_electrons(detector, metadata)
-    variance = raw.variance
+    # a header gives the saturation level in the unit of its own pixels
+    known, variance, level = metadata.saturation, raw.variance, math.inf
+    if known is not None and known.source.startswith(("header", "sidecar")):
+        level = float(known.value)
+    elif known is not None:
+        level = float(_linear(detector, (known.value - metadata.value("bias")) * metadata.value("gain"))[0])
     if variance is None:
         noise = own(detector, "read_noise", metadata)
         variance = np.square(piece("read_noise", noise, raw.name, raw.origin, raw.shape))
     return Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
 
 
-def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
-    """Return the ADU from which readings are not to be trusted, and the charge of a full well, e-.
-
-    A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
-    empty neighbour, so that it is looked for in the charge.
-    """
-    saturation = metadata.value("saturation", math.inf)
-    name, level = ceiling(detector, metadata)
-    if detector.full_well is None or not math.isclose(saturation, level, rel_tol=SAME):
-        return saturation, math.inf  # somebody else's level
-    others = min(detector.largest, detector.saturation or math.inf)
-    return (others if name == "full_well" else saturation), detector.full_well
-
-
 def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray, Values]:
     """Charge of what was measured, and the slope of the law there."""
     if detector.nonlinearity is None or detector.full_well is None:
         return measured, 1.0
-    charge = collected(measured, detector.nonlinearity, detector.full_well)
-    return charge, slope(charge, detector.nonlinearity, detector.full_well)
+    charge = response.collected(measured, detector.nonlinearity, detector.full_well)
+    return charge, response.slope(charge, detector.nonlinearity, detector.full_well)
 
 
 def disproved(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> dict[str, Any]:
@@ -163,16 +149,6 @@ def flags(
     undated = converted and dark and metadata.exposure is None
     conditions = {"saturated": saturated, "above_adc_range": beyond, "dark_not_subtracted": undated}
     return (*found, *(word for word, holds in conditions.items() if holds))
-
-
-def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:
-    """Return the saturation level, e-; a header gives it in the unit of its own pixels."""
-    saturation = metadata.saturation
-    if saturation is None:
-        return math.inf
-    if saturation.source.startswith(("header", "sidecar")):
-        return float(saturation.value)
-    return float(_linear(detector, (saturation.value - metadata.value("bias")) * metadata.value("gain"))[0])
 
 
 DEPTH = 1.0
@@ -252,21 +228,21 @@ def collected_charge(detector, expected, rng, exposure, origin) -> np.ndarray:
     held = np.minimum(charge, well)
     if not detector.brighter_fatter:
         return held
-    if held.max(initial=0.0) * detector.brighter_fatter >= BORDER:
+    if held.max(initial=0.0) * detector.brighter_fatter >= response.BORDER:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
             f"brighter_fatter = {detector.brighter_fatter:g} is too large for a pixel of {held.max():g} e-; "
             "give a smaller one, or a full_well.",
         )
-    return np.where(held < well, np.minimum(broaden(held, detector.brighter_fatter), well), well)
+    return np.where(held < well, np.minimum(response.broaden(held, detector.brighter_fatter), well), well)
 
 
 def amplified(detector, charge, rng, origin) -> np.ndarray:
     """Return what reaches the converter, e-."""
     if detector.coupling:
-        charge = couple(charge, detector.coupling)
+        charge = response.couple(charge, detector.coupling)
     if detector.nonlinearity is not None:
-        charge = measured(charge, detector.nonlinearity, detector.full_well)
+        charge = response.measured(charge, detector.nonlinearity, detector.full_well)
     if rng is None or detector.read_noise is None:
         return charge
     noise = piece("read_noise", detector.read_noise, _NAME, origin, charge.shape)

@@ -95,7 +95,11 @@ def estimate_from_reference(
     # of a streak across the sharp frame's own blur the normal tells, though the streak may fit better
     refuse_blurrier(blur.normal.p[3:], blur.normal.covariance[3:, 3:], tolerated=_TOLERATED)
     moments, covariance = _moments(blur.best)
-    covariance = covariance + _error_of_kind(blur)
+    # by which the kind of the blur may be wrong
+    other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
+    misfit = _MISFIT**2 * blur.excess * (moments[0] + moments[2]) ** 2
+    of_kind = blur.odds * np.outer(other, other) + misfit * np.diag([1.0, 0.5, 1.0])  # alike along all axes
+    covariance = covariance + of_kind
     _refuse_other_differences(blur, frames)
     return KernelEstimate(
         moments * plate_scale**2,
@@ -134,14 +138,6 @@ def _reverse(blur: Blur, frames: Comparison) -> float | None:
     major, _, axis = axis_variances(moments)
     is_wider = major > _BLURRIER * np.sqrt(covariance_on_axis(covariance, axis)[0, 0])
     return major if is_wider and reverse.left <= _LEFT else None
-
-
-def _error_of_kind(blur: Blur) -> np.ndarray:
-    """Return the covariance (3, 3) of the moments [pixel⁴] by which the kind of the blur may be wrong."""
-    moments = _moments(blur.best)[0]
-    other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
-    misfit = _MISFIT**2 * blur.excess * (moments[0] + moments[2]) ** 2
-    return blur.odds * np.outer(other, other) + misfit * np.diag([1.0, 0.5, 1.0])  # the same along all axes
 
 
 def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:

@@ -17,21 +17,12 @@ import numpy as np
 import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames import pages
 from jitterkit.frames.altered import scaled_up
 from jitterkit.frames.files import truncated
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.pages import (
-    ORIENTATIONS,
-    calibration_line,
-    curve_warnings,
-    full_pages,
-    is_smaller_copy,
-    orientation_of,
-    refuse_missing_data,
-    refuse_unusable,
-)
 from jitterkit.frames.planes import roles_of_labels
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
@@ -72,7 +63,7 @@ class TiffFile(FrameFile):
             raise FrameError(ErrorCode.NO_IMAGE, path, problem, "leave the HDU out")
         super().__init__(path)
         with translated(path):
-            self._pages = full_pages(path)
+            self._pages = pages.full_pages(path)
         with translated(path) as caught, overheard(_LOG) as talk:
             self._tiff = self.enter_context(tifffile.TiffFile(path))
             try:
@@ -90,18 +81,18 @@ class TiffFile(FrameFile):
         declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
         _refuse_missing_planes(self.path, declared, self._count)
         ny, nx = page.imagelength, page.imagewidth
-        self.shape = (ny, nx) if orientation_of(page) < 5 else (nx, ny)
+        self.shape = (ny, nx) if pages.orientation_of(page) < 5 else (nx, ny)
         self.dtype = np.dtype(page.dtype).newbyteorder("=")
-        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
-        self._line, unclear = calibration_line(self._tiff.imagej_metadata or {})
-        odd = (*unclear, *curve_warnings(page), *self._size_warnings(), *self._label_warnings())
+        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(pages.orientation_of(page), 0))
+        self._line, unclear = pages.calibration_line(self._tiff.imagej_metadata or {})
+        odd = (*unclear, *pages.curve_warnings(page), *self._size_warnings(), *self._label_warnings())
         self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
 
     def _size_warnings(self) -> list[str]:
         """Warn of pages that may be smaller copies of another, and not marked as such."""
-        pages = [self._tiff.pages[number] for number in self._pages[:_MOST_NAMED]]
-        sides = [(getattr(page, "imagelength", 0), getattr(page, "imagewidth", 0)) for page in pages]
-        copies = [str(index) for index, one in enumerate(sides) if is_smaller_copy(one, max(sides))]
+        named = (self._tiff.pages[number] for number in self._pages[:_MOST_NAMED])
+        sides = [(getattr(page, "imagelength", 0), getattr(page, "imagewidth", 0)) for page in named]
+        copies = [str(index) for index, one in enumerate(sides) if pages.is_smaller_copy(one, max(sides))]
         said = f"pages {', '.join(copies[:9])} have the shape of a larger page: if they are its thumbnails"
         return [f"{said}, their plate scale is another one"] * bool(copies)
 
@@ -117,14 +108,14 @@ class TiffFile(FrameFile):
 
     def _page(self, index: int) -> Any:
         page = self._tiff.pages[self._pages[index]]
-        refuse_unusable(self.path, page)
+        pages.refuse_unusable(self.path, page)
         return page
 
     def _read(self, index: int) -> RawFrame:
         with overheard(_LOG) as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
-                refuse_missing_data(self.path, page, self._tiff.filehandle.size)
+                pages.refuse_missing_data(self.path, page, self._tiff.filehandle.size)
                 stored = _decode(self.path, page)
             else:
                 ny, nx = page.imagelength, page.imagewidth
@@ -132,7 +123,7 @@ class TiffFile(FrameFile):
                 start = self._tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
                 plane = self._tiff.filehandle.read_array(dtype, count=ny * nx, offset=start)
                 stored = plane.reshape(ny, nx)
-        upright = ORIENTATIONS[orientation_of(page)](stored)
+        upright = pages.ORIENTATIONS[pages.orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
         talk += scaled_up(data, self.metadata)
         if self._line is not None:

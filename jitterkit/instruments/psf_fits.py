@@ -135,6 +135,9 @@ def effective_psf(
     check_star(path, image.pixels)
     step = samples // kept
     thinned = whole[::step, ::step]
+    # the share of the light inside the image is its sum, where the light at a pupil is one
+    enclosed, kind = float(thinned.sum() * step**2), str(_card(image, images[0], "NORMALIZ") or "").strip()
+    is_share = kind.lower() in ("first", "exit_pupil") and enclosed < 1.001
     return EffectivePsf(
         thinned,
         image.hdu,
@@ -143,7 +146,7 @@ def effective_psf(
         kept,
         (axis[0] / step, axis[1] / step),
         ((mean[0] - axis[0]) * pitch, (mean[1] - axis[1]) * pitch),
-        _enclosed(image, images[0], float(thinned.sum() * step**2)),
+        min(enclosed, 1.0) if is_share else None,
     )
 
 
@@ -273,9 +276,3 @@ def _fewest(path: Path, image: NamedImage, whole: np.ndarray, samples: int) -> i
         if contrast[reach > 0.5 * kept / samples].max(initial=0.0) < _ALIASED:
             return kept
     return samples
-
-
-def _enclosed(image: NamedImage, primary: NamedImage, total: float) -> float | None:
-    """Return the share of the light inside the image: its sum, where the light at a pupil is one."""
-    kind = str(_card(image, primary, "NORMALIZ") or "").strip().lower()
-    return min(total, 1.0) if kind in ("first", "exit_pupil") and total < 1.001 else None

@@ -103,11 +103,6 @@ class Sky:
     def _refuse(self, key: str, remedy: str) -> None:
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"[sky] {key} = {getattr(self, key)!r}; {remedy}.")
 
-    @property
-    def needs_time(self) -> bool:
-        """Return whether a correction depends on the time of a frame."""
-        return self.velocity == "earth" or self.orbit_rate is not None
-
     def va_factor(self, when: float) -> float | None:
         """Return by what a separation is multiplied to be that seen from the barycentre.
 

@@ -80,7 +80,9 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
                 f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
                 "padding.",
             )
-    finest = _finest(otf)
+    # the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast
+    fy, fx = grid.frequencies
+    finest = float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))
     if locus.exact_to() < finest:
         raise ConfigurationError(
             ErrorCode.SAMPLING,
@@ -88,12 +90,6 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
             f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, a trace of more "
             "samples, or a locus that has a formula: linear, shm, mvn or ellipse.",
         )
-
-
-def _finest(otf: OTF) -> float:
-    """Return the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
-    fy, fx = otf.grid.frequencies
-    return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))
 
 
 _UNITS = {"x": "arcsec", "y": "arcsec", "flux": "electron"}
