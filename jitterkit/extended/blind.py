@@ -7,8 +7,7 @@ of the nulls, which knows how the spectrum falls and no more.  What remains is m
 ``(L, angle)`` from the peaks of the cepstrum's comb.  Then the question is asked whether the answer
 explains the image: the nulls must be as deep as the model says, and not merely the best of bad ones.
 
-This is the one to reach for.  :mod:`~jitterkit.extended.cepstrum`,
-:mod:`~jitterkit.extended.radon` and :mod:`~jitterkit.extended.autocorrelation` are the textbook's.
+This is the one to reach for.  Those of :mod:`~jitterkit.extended.textbook` are for comparison.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.cepstrum import comb_peaks, longest
 from jitterkit.extended.spectrum import (
     PowerSpectrum,
     apart,
@@ -28,6 +26,7 @@ from jitterkit.extended.spectrum import (
     streak_estimate,
     transfer_squared,
 )
+from jitterkit.extended.textbook import comb_peaks, longest
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
 
