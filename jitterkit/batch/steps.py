@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -158,8 +157,29 @@ def search(
     rough: bool = False,
 ) -> tuple[SceneChoice | FitResult, Data]:
     """Choose the scene of a frame, and return its data without pixels that no star can have made."""
-    find = partial(_choose, frame, optics, scene, options, warm)
-    return found_allowing(find, data, optics.nominal, options.model_error, rough=rough)
+
+    def choose(data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
+        """Choose the scene of cleaned data, or say why that cannot be done."""
+        if (refused := unusable(frame, data)) is not None:
+            return refused
+        expected = warm.scene if scene == AUTO and warm is not None else scene
+        seen = warm.choices.get(frame.digest) if warm is not None else None
+        if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
+            # it agrees with the others, or is in no doubt
+            return seen if rough else replace(seen, start=settled(seen.start, data, optics, options.hold))
+        start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
+        choice = None
+        # a frame of a run need not be as the run is
+        if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
+            readings = ("", False) if seen is None else (seen.readings, True)
+            choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
+        elif scene == AUTO:
+            choice = choose_scene(data, optics, options, rough=rough)
+        if choice is None:
+            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
+        return choice
+
+    return found_allowing(choose, data, optics.nominal, options.model_error, rough=rough)
 
 
 def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str] = ()) -> KernelEstimate:
@@ -251,34 +271,3 @@ def _lacks_a_star(start: Start) -> bool:
         return False
     error = math.sqrt(start.covariance_of(("contrast",))[0, 0])
     return is_lost(float(start.parameters.scene.values["contrast"]), error)
-
-
-def _choose(
-    frame: Frame,
-    optics: Optics,
-    scene: str,
-    options: FitOptions,
-    warm: WarmStart | None,
-    data: Data,
-    *,
-    rough: bool = False,
-) -> SceneChoice | FitResult:
-    """Choose the scene of cleaned data, or say why that cannot be done."""
-    if (refused := unusable(frame, data)) is not None:
-        return refused
-    expected = warm.scene if scene == AUTO and warm is not None else scene
-    seen = warm.choices.get(frame.digest) if warm is not None else None
-    if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
-        # it agrees with the others, or is in no doubt
-        return seen if rough else replace(seen, start=settled(seen.start, data, optics, options.hold))
-    start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
-    choice = None
-    # a frame of a run need not be as the run is
-    if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
-        readings = ("", False) if seen is None else (seen.readings, True)
-        choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
-    elif scene == AUTO:
-        choice = choose_scene(data, optics, options, rough=rough)
-    if choice is None:
-        return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-    return choice

@@ -42,8 +42,14 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
             (ny, nx), (rows, columns) = stack.shape, stacks[0].shape
             problem = f"has {nx} x {ny} pixels, the {stacks[0].kind} frames {columns} x {rows}"
             raise _refusal(ErrorCode.WRONG_SHAPE, stack.shots[0], problem, "give frames of one size")
-    _check_gains(stacks)
-    _check_settings([shot for stack in stacks for shot in stack.shots])
+    shots = [shot for stack in stacks for shot in stack.shots]
+    known = [shot for shot in shots if shot.gain is not None]
+    for shot in known:
+        if shot.gain and known[0].gain and abs(shot.gain / known[0].gain - 1) > _SAME_GAIN:
+            problem = f"says a gain of {shot.gain:g} e-/ADU, {_file(known[0])} one of {known[0].gain:g}"
+            remedy = "calibrate each setting of the camera by itself"
+            raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
+    _check_settings(shots)
     for stack in stacks:
         if len(stack) < 2:
             problem = f"there is one {stack.name} frame; give at least two."
@@ -52,15 +58,6 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
             _check_alike(stack)
     if bias is not None:
         _check_against(bias, darks, flats)
-
-
-def _check_gains(stacks: Sequence[Stack]) -> None:
-    shots = [shot for stack in stacks for shot in stack.shots if shot.gain is not None]
-    for shot in shots:
-        if shot.gain and shots[0].gain and abs(shot.gain / shots[0].gain - 1) > _SAME_GAIN:
-            problem = f"says a gain of {shot.gain:g} e-/ADU, {_file(shots[0])} one of {shots[0].gain:g}"
-            remedy = "calibrate each setting of the camera by itself"
-            raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
 
 
 def _check_settings(shots: Sequence[Shot]) -> None:

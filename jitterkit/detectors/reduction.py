@@ -27,8 +27,7 @@ from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import GUESSED
 from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own, piece
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import Metadata
+from jitterkit.frames import Metadata, RawFrame
 
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""
@@ -194,21 +193,16 @@ def cosmic_rays(shape: tuple[int, int], rate: float, exposure: float, rng: np.ra
     cosine = np.sqrt(1 - rng.random(hits))  # never zero
     azimuth = rng.uniform(0.0, 2 * np.pi, hits)
     along = DEPTH * np.sqrt(1 - cosine**2) / cosine
-    for (y, x), cos, length, phi in zip(start, cosine, along, azimuth, strict=True):
-        _deposit(charge, (y, x), length, phi, CHARGE * DEPTH / cos)
+    for (y0, x0), cos, length, phi in zip(start, cosine, along, azimuth, strict=True):
+        seen = min(length, float(sum(shape)))
+        points = max(1, int(np.ceil(seen / _STEP)))
+        t = (np.arange(points) + 0.5) / points * seen
+        y = np.rint(y0 + t * np.sin(phi)).astype(int)
+        x = np.rint(x0 + t * np.cos(phi)).astype(int)
+        inside = (y >= 0) & (y < ny) & (x >= 0) & (x < nx)  # what passes the frame's edge is lost
+        share = CHARGE * DEPTH / cos * (seen / length if length else 1.0) / points
+        np.add.at(charge, (y[inside], x[inside]), share)
     return charge
-
-
-def _deposit(charge: np.ndarray, start: tuple[float, float], length: float, angle: float, total: float):
-    """Lay a track's charge down, and lose what passes the frame's edge."""
-    seen = min(length, float(sum(charge.shape)))
-    points = max(1, int(np.ceil(seen / _STEP)))
-    t = (np.arange(points) + 0.5) / points * seen
-    y = np.rint(start[0] + t * np.sin(angle)).astype(int)
-    x = np.rint(start[1] + t * np.cos(angle)).astype(int)
-    inside = (y >= 0) & (y < charge.shape[0]) & (x >= 0) & (x < charge.shape[1])
-    share = total * (seen / length if length else 1.0) / points
-    np.add.at(charge, (y[inside], x[inside]), share)
 
 
 _NAME = "the expected image"

@@ -16,8 +16,7 @@ from jitterkit.extended.blur_fit import Blur, fit_blur, normal, streak, vibratio
 from jitterkit.extended.comparison import Comparison, Fit
 from jitterkit.extended.registration import align, fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
-from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear
-from jitterkit.loci.base import axis_variances, covariance_on_axis
+from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear, axis_variances, covariance_on_axis
 
 _TOLERATED = 0.03
 """Share of the blur's larger variance that may be missing across it: a normal fitted to a streak on sharp

@@ -67,26 +67,23 @@ class TiffFile(FrameFile):
         with translated(path) as caught, overheard(_LOG) as talk:
             self._tiff = self.enter_context(tifffile.TiffFile(path))
             try:
-                self._survey()
+                page = self._page(0)
+                self._planes = _planes_behind(path, self._tiff, page) if len(self._pages) == 1 else None
+                self._count = len(self._pages) if self._planes is None else self._planes
+                # where an ImageJ stack is cut short tifffile falls back to its first plane
+                declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
+                _refuse_missing_planes(path, declared, self._count)
+                ny, nx = page.imagelength, page.imagewidth
+                self.shape = (ny, nx) if pages.orientation_of(page) < 5 else (nx, ny)
+                self.dtype = np.dtype(page.dtype).newbyteorder("=")
+                sidecars = read_sidecars(path).reordered(ROW_ORDERS.get(pages.orientation_of(page), 0))
+                self._line, unclear = pages.calibration_line(self._tiff.imagej_metadata or {})
+                odd = (*unclear, *pages.curve_warnings(page), *self._size_warnings(), *self._label_warnings())
+                self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
             except BaseException:
                 self.close()
                 raise
         self.metadata = self.metadata.warn(*caught, *talk)
-
-    def _survey(self) -> None:
-        page = self._page(0)
-        self._planes = _planes_behind(self.path, self._tiff, page) if len(self._pages) == 1 else None
-        self._count = len(self._pages) if self._planes is None else self._planes
-        # where an ImageJ stack is cut short tifffile falls back to its first plane
-        declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
-        _refuse_missing_planes(self.path, declared, self._count)
-        ny, nx = page.imagelength, page.imagewidth
-        self.shape = (ny, nx) if pages.orientation_of(page) < 5 else (nx, ny)
-        self.dtype = np.dtype(page.dtype).newbyteorder("=")
-        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(pages.orientation_of(page), 0))
-        self._line, unclear = pages.calibration_line(self._tiff.imagej_metadata or {})
-        odd = (*unclear, *pages.curve_warnings(page), *self._size_warnings(), *self._label_warnings())
-        self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
 
     def _size_warnings(self) -> list[str]:
         """Warn of pages that may be smaller copies of another, and not marked as such."""
@@ -169,7 +166,17 @@ def _refuse_missing_planes(path: Path, declared: int, present: int) -> None:
 
 def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:
     """Add to the sidecars what the TIFF itself says about exposure and colour."""
-    source, exposure = _exposure(tiff, page)
+    exif, source, exposure = page.tags.get("ExifTag"), "OME", None
+    ratio = exif.value.get("ExposureTime") if exif is not None and isinstance(exif.value, dict) else None
+    text = tiff.ome_metadata or ""
+    times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
+    units = set(re.findall(r'ExposureTimeUnit="([^"]+)"', text)) or {"s"}
+    if isinstance(ratio, tuple) and len(ratio) == 2 and ratio[1]:
+        source, exposure = "EXIF", ratio[0] / ratio[1]
+    elif len(times) > 1 or len(units) > 1:
+        exposure = math.nan
+    elif times and (seconds := factor("exposure", units.pop())):
+        exposure = float(times.pop()) * float(seconds)
     if exposure is not None and exposure > 0:
         metadata = metadata.fill(f"header {source} ExposureTime", exposure=exposure)
     elif exposure is not None and metadata.exposure is None:
@@ -186,20 +193,6 @@ def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Met
     if name == "CFA":
         metadata = metadata.warn("the TIFF says that its pixels lie behind a colour mosaic")
     return metadata
-
-
-def _exposure(tiff: tifffile.TiffFile, page: Any) -> tuple[str, float | None]:
-    exif = page.tags.get("ExifTag")
-    ratio = exif.value.get("ExposureTime") if exif is not None and isinstance(exif.value, dict) else None
-    if isinstance(ratio, tuple) and len(ratio) == 2 and ratio[1]:
-        return "EXIF", ratio[0] / ratio[1]
-    text = tiff.ome_metadata or ""
-    times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
-    units = set(re.findall(r'ExposureTimeUnit="([^"]+)"', text)) or {"s"}
-    seconds = factor("exposure", next(iter(units)))
-    if len(times) > 1 or len(units) > 1:
-        return "OME", math.nan
-    return "OME", float(times.pop()) * float(seconds) if times and seconds else None
 
 
 def write(path: Path, array: np.ndarray) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
-from jitterkit.scene import Scene
 from jitterkit.shutter import Drifting
 from jitterkit.simulate.frames import Simulated
 
@@ -77,7 +76,14 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
     truth = simulated.truth
     shutter = truth.shutter
     locus = truth.locus if shutter is None else shutter.completed(truth.locus)
-    cards = {**_scene_cards(truth.scene), **_jitter_cards(locus)}
+    cards: Cards = {}
+    for name, value in truth.scene.values.items():
+        kind, _, number = (name, "", "") if name in _SCENE else name.partition("_")
+        keyword, comment = _SCENE[kind]
+        if number:
+            keyword, comment = f"{keyword[:6]}{number}", f"{comment}, star {number}"
+        cards[keyword] = (value, comment)
+    cards |= _jitter_cards(locus)
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
@@ -165,17 +171,6 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
         name for name in _NUMBERS if simulated.raw.unit == "adu" or name not in ("gain", "bias", "saturation")
     ]
     return {name: metadata.value(name) for name in names if metadata.value(name) is not None}
-
-
-def _scene_cards(scene: Scene) -> Cards:
-    cards: Cards = {}
-    for name, value in scene.values.items():
-        kind, _, number = (name, "", "") if name in _SCENE else name.partition("_")
-        card, comment = _SCENE[kind]
-        if number:
-            card, comment = f"{card[:6]}{number}", f"{comment}, star {number}"
-        cards[card] = (value, comment)
-    return cards
 
 
 def _jitter_cards(locus: Locus) -> Cards:

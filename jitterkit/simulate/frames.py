@@ -17,8 +17,7 @@ from jitterkit.detectors import Detector
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import Metadata
+from jitterkit.frames import Metadata, RawFrame
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.known_light import KnownLight
 from jitterkit.loci.base import Locus
