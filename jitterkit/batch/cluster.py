@@ -89,10 +89,9 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     dask sets there makes them four times slower.
     """
     if distributed is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE,
-            'Workers need dask.distributed, which is not installed; run: pip install "jitterkit[cluster]"',
-        )
+        problem = "Workers need dask.distributed, which is not installed"
+        remedy = 'run: pip install "jitterkit[cluster]"'
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, f"{problem}; {remedy}")
     import dask
 
     with dask.config.set(_CONFIGURED), _quiet():

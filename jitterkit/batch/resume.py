@@ -52,7 +52,15 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     inside_files = path[0] == FILES and len(path) > 1
     if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
-    what = f"{printable(directory)} was started {_describe_difference(path, before, after)}"
+    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
+    name = printable("".join(names).removeprefix("."))
+    if before is _ABSENT:
+        how = f"without {name}, not with {name} {_short(after)}"
+    elif after is _ABSENT:
+        how = f"with {name} {_short(before)}, not without"
+    else:
+        how = f"with {name} {_short(before)}, not {_short(after)}"
+    what = f"{printable(directory)} was started {how}"
     if path[0] == VERSIONS:
         problem = f"{what}, and the last digits need the same versions; install those"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, or give another directory.")
@@ -70,16 +78,6 @@ def _first_difference(a: Any, b: Any, path: tuple = ()) -> tuple[tuple, Any, Any
     same = a == b or (a != a and b != b)  # NaN is NaN
     same = same or all(value in _NOT_MADE for value in (a, b))
     return None if same else (path, a, b)
-
-
-def _describe_difference(path: tuple, before: Any, after: Any) -> str:
-    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
-    name = printable("".join(names).removeprefix("."))
-    if before is _ABSENT:
-        return f"without {name}, not with {name} {_short(after)}"
-    if after is _ABSENT:
-        return f"with {name} {_short(before)}, not without"
-    return f"with {name} {_short(before)}, not {_short(after)}"
 
 
 def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
@@ -202,11 +200,9 @@ def recounted(
     now = [recounted_files[index].frames if index in recounted_files else n for index, n in enumerate(frames)]
     if _batches(files, now, size, done) != planned:
         first = next(index for index in recounted_files if now[index] != frames[index])
-        raise ConfigurationError(
-            ErrorCode.CHANGED,
-            f"The number of frames in {printable(files[first])} was {frames[first]} and is "
-            f"{now[first]} now, and frames after those have been done; {_REMEDY}",
-        )
+        counts = f"was {frames[first]} and is {now[first]} now, and frames after those have been done"
+        problem = f"The number of frames in {printable(files[first])} {counts}"
+        raise ConfigurationError(ErrorCode.CHANGED, f"{problem}; {_REMEDY}")
     return recounted_files
 
 

@@ -93,11 +93,9 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         """Refuse a worker that would give other rows."""
         for name, own in here.items():
             if own != self.computed[name]:
-                raise ConfigurationError(
-                    ErrorCode.CONFLICT,
-                    f"The worker {address} computes with {name} {own}, this process with "
-                    f"{self.computed[name]}, which changes the last digits; make them the same.",
-                )
+                problem = f"The worker {address} computes with {name} {own}, this process with"
+                problem = f"{problem} {self.computed[name]}, which changes the last digits"
+                raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; make them the same.")
 
 
 def _computed_with() -> dict[str, str]:

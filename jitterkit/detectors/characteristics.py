@@ -138,11 +138,9 @@ def _check_nonlinearity(coefficients: Any, full_well: float | None) -> None:
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     turn = turning_point(coefficients)
     if turn <= full_well:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"nonlinearity = {list(coefficients)} stops rising at {turn:g} e-, below the full_well of "
-            f"{full_well:g} e-; give a law that rises up to it.",
-        )
+        well = f"below the full_well of {full_well:g} e-"
+        problem = f"nonlinearity = {list(coefficients)} stops rising at {turn:g} e-, {well}"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give a law that rises up to it.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -223,11 +223,9 @@ def collected_charge(detector, expected, rng, exposure, origin) -> np.ndarray:
     if not detector.brighter_fatter:
         return held
     if held.max(initial=0.0) * detector.brighter_fatter >= response.BORDER:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"brighter_fatter = {detector.brighter_fatter:g} is too large for a pixel of {held.max():g} e-; "
-            "give a smaller one, or a full_well.",
-        )
+        problem = f"brighter_fatter = {detector.brighter_fatter:g} is too large for a pixel of"
+        remedy = "give a smaller one, or a full_well"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem} {held.max():g} e-; {remedy}.")
     return np.where(held < well, np.minimum(response.broaden(held, detector.brighter_fatter), well), well)
 
 

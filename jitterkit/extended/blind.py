@@ -12,7 +12,7 @@ This is the one to reach for.  Those of :mod:`~jitterkit.extended.textbook` are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -107,16 +107,6 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     return streak_estimate(best.length, best.angle, "blind", _errors(spectrum, best), plate_scale)
 
 
-def _rival(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> _Streak | None:
-    """Return the most likely streak that differs from the best, refined like it; None if there is none."""
-    for streak in sorted(found, key=lambda streak: -streak.value):
-        if _is_another(streak, best):
-            end = _refined(spectrum, streak)
-            if end.length < limit and _is_another(end, best):
-                return end
-    return None
-
-
 def _is_another(streak: _Streak, best: _Streak) -> bool:
     return bool(apart(streak.length, streak.angle, best.length, best.angle) > _APART)
 
@@ -128,43 +118,32 @@ def _refined(spectrum: PowerSpectrum, streak: _Streak) -> _Streak:
 def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> None:
     """Refuse what is too short or too long, what the image's nulls do not bear out, and what has a rival."""
     if best.length > limit:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no streak's nulls: the best candidate grows to {best.length:.0f} pixels, and "
-            f"no more than {limit:.0f} can be measured.",
-        )
+        grown = f"the best candidate grows to {best.length:.0f} pixels"
+        problem = f"The image shows no streak's nulls: {grown}, and no more than {limit:.0f} can be measured."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     if best.length < _GATE:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls from the "
-            f"scene's own (it takes {_GATE:g}).",
-        )
+        problem = f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls"
+        message = f"{problem} from the scene's own (it takes {_GATE:g})."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
+    # what a streak gains over itself turned by 90 degrees, and what it would gain where the model is true
     gain = best.value - _likelihood(spectrum, best.length, best.angle + 90)
-    agreement = gain / _true_gain(spectrum, best)
-    if agreement < _LEAST_AGREEMENT:
-        raise UndeterminedError(
-            ErrorCode.MODEL_MISMATCH,
-            f"The nulls of the best streak ({best.length:.1f} pixels at {best.angle:.0f} degrees) explain "
-            f"only {max(agreement, 0):.0%} of what they should: the image is not blurred by a uniform "
-            "streak.",
-        )
-    rival = _rival(spectrum, best, found, limit)
-    if rival is not None and best.value - rival.value < _RIVAL * gain:
-        raise UndeterminedError(
-            ErrorCode.AMBIGUOUS,
-            f"Two streaks explain the image's nulls alike: {best.length:.1f} pixels at {best.angle:.0f} "
-            f"degrees and {rival.length:.1f} at {rival.angle:.0f}.",
-        )
-
-
-def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
-    """Return what a streak gains over itself turned by 90 degrees where the model is true."""
     mean = _expected_power(spectrum, best.length, best.angle)
-    ideal = PowerSpectrum(
-        mean * np.exp(-_LOG_MEAN), mean, spectrum.weight, spectrum.fx, spectrum.fy, spectrum.noise
-    )
+    ideal = replace(spectrum, power=mean * np.exp(-_LOG_MEAN), local=mean)
     along, across = (_likelihood(ideal, best.length, best.angle + turn) for turn in (0, 90))
-    return along - across
+    agreement = gain / (along - across)
+    if agreement < _LEAST_AGREEMENT:
+        nulls = f"The nulls of the best streak ({best.length:.1f} pixels at {best.angle:.0f} degrees)"
+        problem = f"{nulls} explain only {max(agreement, 0):.0%} of what they should"
+        message = f"{problem}: the image is not blurred by a uniform streak."
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, message)
+    # the most likely streak that differs from the best, refined like it
+    others = sorted((s for s in found if _is_another(s, best)), key=lambda streak: -streak.value)
+    ends = (_refined(spectrum, streak) for streak in others)
+    rival = next((end for end in ends if end.length < limit and _is_another(end, best)), None)
+    if rival is not None and best.value - rival.value < _RIVAL * gain:
+        both = f"{best.length:.1f} pixels at {best.angle:.0f} degrees and {rival.length:.1f} at"
+        problem = f"Two streaks explain the image's nulls alike: {both} {rival.angle:.0f}."
+        raise UndeterminedError(ErrorCode.AMBIGUOUS, problem)
 
 
 def _expected_power(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:

@@ -307,7 +307,10 @@ def standing_pixels(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     for axis in (0, 1):
         lines = [np.median(part, axis=axis) for part in excess]
         odd = _alike(lines, spread) & np.all([_is_lonely(line, _BESIDE, 2) for line in lines], axis=0)
-        standing |= np.expand_dims(odd | _is_stuck(one == two, axis), axis)
+        # the same values in both frames, where most other lines have not
+        equal = one == two
+        stuck = (equal.mean(axis) > _STUCK) & (equal.mean() < 1 - _STUCK)
+        standing |= np.expand_dims(odd | stuck, axis)
     return standing
 
 
@@ -331,8 +334,3 @@ def _is_lonely(excess: np.ndarray, footprint: np.ndarray, rank: int) -> np.ndarr
     up = ndimage.rank_filter(excess, -rank, footprint=footprint)
     down = ndimage.rank_filter(excess, rank - 1, footprint=footprint)
     return np.where(excess > 0, up, -down) < _LONELY * np.abs(excess)
-
-
-def _is_stuck(equal: np.ndarray, axis: int) -> np.ndarray:
-    """Return which rows or columns have the same values in both frames, where most others have not."""
-    return (equal.mean(axis) > _STUCK) & (equal.mean() < 1 - _STUCK)

@@ -102,11 +102,9 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     inside = (radius > _LEAST_RADIUS) & (radius < 0.5)
     weight = np.clip(1 - 1.5 * noise / local, 0, 1) * inside
     if weight.mean() < _LEAST_SHARE:
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"Too few frequencies of the image rise above white noise (a share of {weight.mean():.3f}, less "
-            f"than {_LEAST_SHARE:g}): it shows no scene.",
-        )
+        share = f"a share of {weight.mean():.3f}, less than {_LEAST_SHARE:g}"
+        problem = f"Too few frequencies of the image rise above white noise ({share}): it shows no scene."
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, problem)
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
 
 

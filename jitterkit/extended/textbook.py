@@ -79,18 +79,15 @@ def estimate_cepstrum(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelE
     (length, angle, score), *others = comb_peaks(power_spectrum(image))
     rivals = [s for other, _, s in others if abs(other / length - round(other / length)) > 0.1]
     if length < _GATE:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The cepstrum's highest peak, at {length:.1f} pixels, is too close to the middle to be trusted "
-            f"(it must lie beyond {_GATE:g}).",
-        )
+        problem = f"The cepstrum's highest peak, at {length:.1f} pixels, is too close to the middle"
+        message = f"{problem} to be trusted (it must lie beyond {_GATE:g})."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
     rival = max(rivals, default=0.0)
     if score < _LEAST_CONTRAST * rival:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"No peak of the cepstrum stands out (the highest, {score:.1f} sigma, is less than "
-            f"{_LEAST_CONTRAST:g} times another of {rival:.1f}): the image shows no streak's nulls.",
-        )
+        peaks = f"{score:.1f} sigma, is less than {_LEAST_CONTRAST:g} times another of {rival:.1f}"
+        problem = f"No peak of the cepstrum stands out (the highest, {peaks})"
+        message = f"{problem}: the image shows no streak's nulls."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
     return streak_estimate(length, angle, "cepstrum", _ERRORS, plate_scale)
 
 
@@ -101,20 +98,8 @@ def comb_peaks(spectrum: PowerSpectrum, count: int = 4) -> list[tuple[float, flo
     """
     lengths = np.arange(_SHORTEST, longest(spectrum.shape), _STEP[0])
     angles = np.arange(0.0, 180.0, _STEP[1])
-    comb = _comb(spectrum, lengths, angles)
-    found = []
-    for _ in range(count):
-        i, j = np.unravel_index(comb.argmax(), comb.shape)
-        length, angle = lengths[i], angles[j]
-        found.append((float(length), float(angle), float(comb[i, j])))
-        comb[apart(lengths[:, None], angles, length, angle) < max(3.0, 0.1 * length)] = -np.inf
-    return found
-
-
-def _comb(spectrum: PowerSpectrum, lengths: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Sum (lengths, angles) of the negative cepstrum over multiples, weighted as the nulls weight them."""
-    values = whitened(spectrum)
-    ny, nx = spectrum.shape
+    # the sum of the negative cepstrum over multiples, weighted as the nulls weight them
+    values, (ny, nx) = whitened(spectrum), spectrum.shape
     cepstrum = fft.ifft2(fft.ifftshift(values)).real * values.size / np.sqrt((values**2).sum())
     x, y = lengths[:, None] * np.cos(np.radians(angles)), lengths[:, None] * np.sin(np.radians(angles))
     total, norm = np.zeros(x.shape), np.zeros(x.shape)
@@ -123,7 +108,14 @@ def _comb(spectrum: PowerSpectrum, lengths: np.ndarray, angles: np.ndarray) -> n
         at = map_coordinates(cepstrum, [k * y % ny, k * x % nx], order=1, mode="grid-wrap")
         total -= at * inside / k
         norm += inside / k**2
-    return total / np.sqrt(norm)
+    comb = total / np.sqrt(norm)
+    found = []
+    for _ in range(count):
+        i, j = np.unravel_index(comb.argmax(), comb.shape)
+        length, angle = lengths[i], angles[j]
+        found.append((float(length), float(angle), float(comb[i, j])))
+        comb[apart(lengths[:, None], angles, length, angle) < max(3.0, 0.1 * length)] = -np.inf
+    return found
 
 
 _LEAST_PEAK = 2.0
@@ -240,11 +232,9 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
         found = f"the best match correlates by {correlation:.2f} (it takes {_LEAST_CORRELATION:g})"
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, f"{problem}: {found}.")
     if length < _GATE:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the scene's "
-            f"spectrum (it takes {_GATE:g}).",
-        )
+        problem = f"The stripes belong to {length:.1f} pixels, too few to be distinguished from the"
+        message = f"{problem} scene's spectrum (it takes {_GATE:g})."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
     return streak_estimate(length, float(angles[best]), "radon", _STRIPE_ERRORS, plate_scale)
 
 

@@ -99,7 +99,12 @@ class Cards:
     names : dict of str to None
         All keywords, each once, in the order of the headers.
     warnings : list of str
+    aside : Cards
+        The same cards for numbers that are only compared and not used: nobody reads their warnings.
     """
+
+    aside: Cards
+    warnings: list[str]
 
     def __init__(
         self, header: Mapping[str, Any], hdu: int = 0, inherit: Mapping[str, Any] | None = None
@@ -107,14 +112,9 @@ class Cards:
         self.layers = [(header, hdu), *([] if inherit is None else [(inherit, 0)])]
         listed = (getattr(header, "names", header) for header, _ in self.layers)
         self.names = dict.fromkeys(key for names in listed for key in names)
-        self.warnings: list[str] = []
-
-    @cached_property
-    def aside(self) -> Cards:
-        """The same cards for numbers that are only compared and not used: nobody reads their warnings."""
-        other = copy.copy(self)
-        other.warnings = []
-        return other
+        self.aside = copy.copy(self)
+        self.warnings, self.aside.warnings = [], []
+        self.aside.aside = self.aside
 
     def warn(self, text: str) -> None:
         """Add a warning, each once."""
@@ -178,7 +178,18 @@ class Cards:
         if other is not None and not (again and math.isclose(again[0], number.value, rel_tol=0.01)):
             self.warn(f"{number.said} means something else ({other!r} in {number.words!r}) and is ignored")
             return None
-        meaning = self._meaning(name, number)
+        meaning: float | str | None = ""
+        if name != "gain":  # which has rules of its own
+            unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
+            times = self.text("TIMEUNIT") if unit is None and name == "exposure" else ""
+            meaning = factor(name, unit or times) if unit or times else ""
+            # TIMEUNIT is of the times that FITS 4.0 defines, and may be meant of others
+            if (times and key != "XPOSURE" and meaning != 1) or (
+                unit is None and name == "saturation" and _BARE_WELL.search(number.comment)
+            ):
+                meaning = None
+            if not (unit or times) and key == "SCALE":
+                self.warn(f"{number.said} has no unit and is taken as arcsec/pixel")
         if meaning is None:
             words = number.words or f"TIMEUNIT = {self.text('TIMEUNIT')!r}"
             self.warn(f"{number.said} has a unit that is not read ({words}) and is ignored")
@@ -200,21 +211,6 @@ class Cards:
     def believed(self, name: str) -> Iterator[Number]:
         """Yield the believable numbers of a quantity, the most authoritative first."""
         return filter(None, (self.believable(name, key) for key in self.keywords(name)))
-
-    def _meaning(self, name: str, number: Number) -> float | str | None:
-        """Return what :func:`factor` says of the unit of a number; the empty text where it has none."""
-        if name == "gain":  # has rules of its own
-            return ""
-        unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
-        if unit is None and name == "exposure" and (times := self.text("TIMEUNIT")):
-            if number.key != "XPOSURE" and factor(name, times) != 1:
-                return None  # TIMEUNIT is of the times that FITS 4.0 defines, and may be meant of others
-            unit = times
-        if unit is None and name == "saturation" and _BARE_WELL.search(number.comment):
-            return None
-        if not unit and number.key == "SCALE":
-            self.warn(f"{number.said} has no unit and is taken as arcsec/pixel")
-        return factor(name, unit) if unit else ""
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
         """Mean over the amplifiers that read the image."""

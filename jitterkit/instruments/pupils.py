@@ -292,11 +292,10 @@ def _width(path: Path, image: NamedImage, transmission: np.ndarray) -> float:
     n, extent = len(transmission), int(lit[-1] - lit[0] + 1) if lit.size else 0
     scale, diameter = (image.quantity("pupil_scale", *keys) for keys in (_SCALES, _WIDTHS))
     if scale is None and (diameter is None or extent < n - 2):
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} does not say how many metres a sample is wide ({', '.join(_SCALES)}), "
-            f"and the light fills {extent} of {n} samples; give --diameter, of the whole array, in m.",
-        )
+        problem = f"{path}: HDU {image.hdu} does not say how many metres a sample is wide"
+        found = f"({', '.join(_SCALES)}), and the light fills {extent} of {n} samples"
+        remedy = "give --diameter, of the whole array, in m"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem} {found}; {remedy}.")
     if scale is None:
         assert diameter is not None
         return diameter

@@ -58,10 +58,21 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
         metadata = metadata.warn(*_contradiction(name, getattr(raw.metadata, name), getattr(metadata, name)))
-    metadata = _with_scale_error(metadata, raw.metadata, instrument)
+    own, used = raw.metadata, metadata.plate_scale
+    stated, scale = own.plate_scale_err, own.value("plate_scale", instrument.plate_scale)
+    if metadata.plate_scale_err is stated:  # else it was overridden, together with the scale
+        if stated is None and instrument.plate_scale_err is not None:
+            unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
+            stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
+        if stated is not None and used is not None:
+            is_its = abs(used.value / scale - 1) <= stated.value
+            metadata = replace(metadata, plate_scale_err=stated if is_its else None)
+            said = f"the plate scale of {used.value:.9g} arcsec/pixel ({used.source}) has no stated error"
+            found = f"{stated.value:g} ({stated.source}) is that of {scale:.9g} arcsec/pixel"
+            metadata = metadata if is_its else metadata.warn(f"{said}: {found}")
     metadata = _with_corrections(metadata, instrument, raw)
     metadata = instrument.detector.inform(metadata)
-    metadata = metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias))
+    metadata = metadata.warn(*_contradiction("bias", own.bias, metadata.bias))
     return with_a_star(raw.with_metadata(metadata))
 
 
@@ -74,25 +85,6 @@ def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list
         return []
     found = f"{used.source} = {used.value:g} {used.unit}, which is used"
     return [f"{own.source} = {own.value:g} contradicts {found}"]
-
-
-def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument) -> Metadata:
-    """Add the error that a frame's own metadata or else the instrument states of its plate scale."""
-    stated, scale = own.plate_scale_err, own.value("plate_scale", instrument.plate_scale)
-    if metadata.plate_scale_err is not stated:  # overridden together with the scale
-        return metadata
-    if stated is None and instrument.plate_scale_err is not None:
-        unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
-        stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
-    used = metadata.plate_scale
-    if stated is None or used is None:
-        return metadata
-    if abs(used.value / scale - 1) <= stated.value:
-        return replace(metadata, plate_scale_err=stated)
-    return replace(metadata, plate_scale_err=None).warn(
-        f"the plate scale of {used.value:.9g} arcsec/pixel ({used.source}) has no stated error: "
-        f"{stated.value:g} ({stated.source}) is that of {scale:.9g} arcsec/pixel"
-    )
 
 
 def _with_corrections(metadata: Metadata, instrument: Instrument, raw: RawFrame) -> Metadata:

@@ -9,6 +9,5 @@ from jitterkit.series.laws import (
     difference_variance,
     simulate_flicker,
 )
-from jitterkit.series.outliers import Outliers, find_outliers
-from jitterkit.series.series import Series
+from jitterkit.series.series import Outliers, Series, find_outliers
 from jitterkit.series.trend import Period, Trend, find_period, fit_trend
