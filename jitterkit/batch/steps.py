@@ -31,20 +31,10 @@ from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
 from jitterkit.optics import AnchoredOptics, Optics
-from jitterkit.refit import (
-    SCENES,
-    FitOptions,
-    FitResult,
-    Priors,
-    SceneChoice,
-    Status,
-    choose_scene,
-    fit_best_locus,
-    fit_locus,
-)
-from jitterkit.refit.choose import is_lost
+from jitterkit.refit import SCENES, FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
+from jitterkit.refit.choose import fit_best_locus, is_lost
 from jitterkit.refit.evidence import CHOICES
-from jitterkit.refit.scene_choice import found_allowing
+from jitterkit.refit.scene_choice import SceneChoice, found_allowing
 from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
 
@@ -255,10 +245,8 @@ def _with_likelier_signs(start: SceneEstimate, priors: Priors) -> SceneEstimate:
     value = np.asarray(start.parameters.aberrations)
     other = np.where([name in unseen for name in names], -value, value)
     known = [(i, *priors.terms[name]) for i, name in enumerate(names) if name in priors.terms]
-    cost, turned = (
-        sum(((state[i] - mean) / sigma) ** 2 for i, mean, sigma in known) for state in (value, other)
-    )
-    if not turned < cost:
+    costs = [sum(((state[i] - mean) / sigma) ** 2 for i, mean, sigma in known) for state in (value, other)]
+    if not costs[1] < costs[0]:
         return start
     parameters = eqx.tree_at(lambda p: p.aberrations, start.parameters, jnp.asarray(other))
     searched = None if start.searched is None else start.optics.otf(other)

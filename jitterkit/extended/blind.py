@@ -18,14 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.spectrum import (
-    PowerSpectrum,
-    apart,
-    power_spectrum,
-    smoothed,
-    streak_estimate,
-    transfer_squared,
-)
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, smoothed, streak_estimate
 from jitterkit.extended.textbook import comb_peaks, longest
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
@@ -148,7 +141,9 @@ def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: 
 
 def _expected_power(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
     """Return the mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
-    nulls = _seen_through_window(transfer_squared(spectrum, length, angle))
+    x, y = length * np.cos(np.radians(angle)), length * np.sin(np.radians(angle))
+    transfer = np.sinc(np.float32(x) * spectrum.fx + np.float32(y) * spectrum.fy)
+    nulls = _seen_through_window(transfer**2)
     scale, weight, noise = max(length, _WIDEST), spectrum.weight, np.float32(spectrum.noise)
     share = np.maximum(smoothed(weight, spectrum.shape, scale), 1e-4)
     logarithm = np.log(spectrum.power + np.float32(0.05) * noise)

@@ -180,9 +180,8 @@ def drifts(
 def _shift(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.ndarray, float]:
     """Shift (x, y) of the second frame [pixels], its covariance, and its bias as :func:`align` has it."""
     window = _window(one.shape)
-    whole = -phase_cross_correlation(*(_windowed(f, window) for f in (one, two)), normalization=None)[
-        0
-    ].astype(int)
+    pair = (_windowed(frame, window) for frame in (one, two))
+    whole = -phase_cross_correlation(*pair, normalization=None)[0].astype(int)
     (y, x), covariance, bias = _refine(*_overlap(one, two, whole))
     return (float(x + whole[1]), float(y + whole[0])), covariance, bias
 
@@ -217,9 +216,8 @@ def _refine(one: np.ndarray, two: np.ndarray) -> tuple[tuple[float, float], np.n
     if not correlation > _LEAST_CORRELATION or far > _FARTHEST:
         found = f"correlation {correlation:.2f}; {_LEAST_CORRELATION:g} is needed"
         if correlation > _LEAST_CORRELATION:
-            found = (
-                f"two ways to measure the shift differ by {far:.1f} pixels; at most {_FARTHEST:g} is allowed"
-            )
+            found = f"two ways to measure the shift differ by {far:.1f} pixels"
+            found = f"{found}; at most {_FARTHEST:g} is allowed"
         problem = f"The frames have too little in common to register them ({found})"
         raise UndeterminedError(ErrorCode.MODEL_MISMATCH, f"{problem}; give larger frames of one scene.")
     ties = window.size * (window**4).sum() / (window**2).sum() ** 2  # of neighbouring frequencies

@@ -71,8 +71,7 @@ def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[
         other = values[values != usual].astype(np.int64)
         if other.size < _FEWEST:
             return []
-        stretched = _stretched(other) if values.min() >= 0 and values.max() <= _FULL else None
-        found = stretched or _multiplied(other - int(usual))
+        found = _scaling(other, int(usual), _BITS if values.min() >= 0 and values.max() <= _FULL else ())
         if found is None:
             return []
         factor, how = found
@@ -84,34 +83,31 @@ def scaled_up(data: np.ndarray, metadata: Metadata, scale: float = 1.0) -> list[
     return [f"{said}: if {own} is that of the unscaled numbers, give --gain {unscaled:g}"]
 
 
-def _multiplied(apart: np.ndarray) -> tuple[float, str] | None:
-    """Recognise numbers whose differences from the most frequent one are multiples, from 3 on.
+def _scaling(values: np.ndarray, usual: int, stretched: tuple[int, ...]) -> tuple[float, str] | None:
+    """Return by what factor numbers were scaled, and how that shows, in words; None where nothing shows.
 
-    Returns by what factor the pixels were scaled, and how that shows, in words.
+    They are those of fewer bits, of which ``stretched`` are possible, with the full scale of 16; or their
+    differences from the most frequent one are multiples, from 3 on.
     """
+    for bits in stretched:
+        full, shift = (1 << bits) - 1, 16 - bits
+        codes = np.rint(values * (full / _FULL)).astype(np.int64)
+        if np.mean(values % (1 << shift) == 0) >= 1 - _MOST_ODD:
+            break  # they are multiples
+        upper = values >> shift
+        repeated = (upper << shift) | (upper >> (bits - shift) if bits >= shift else upper)
+        for made in (np.rint(codes * (_FULL / full)), repeated):
+            same = made == values
+            if same.mean() >= 1 - _MOST_ODD and len(np.unique(values[same])) >= _DISTINCT:
+                return _FULL / full, f"those of {bits} bits stretched to 16"
+    apart = values - usual
     numbers, counts = np.unique(apart, return_counts=True)
     common = numbers[np.argsort(counts)[-_COMMON:]]
     for step in sorted({math.gcd(*map(int, pair)) for pair in itertools.combinations(common, 2)})[::-1]:
         whole = apart % step == 0
         if whole.mean() >= 1 - _MOST_ODD and len(np.unique(apart[whole])) >= _DISTINCT:
-            bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
-            return (float(step), f"multiples of {step}{bits}") if step >= _LEAST else None
-    return None
-
-
-def _stretched(numbers: np.ndarray) -> tuple[float, str] | None:
-    """Recognise numbers from 0 to 65535 that are those of fewer bits with the same full scale, likewise."""
-    for bits in _BITS:
-        full, shift = (1 << bits) - 1, 16 - bits
-        codes = np.rint(numbers * (full / _FULL)).astype(np.int64)
-        if np.mean(numbers % (1 << shift) == 0) >= 1 - _MOST_ODD:
-            return None  # they are multiples
-        upper = numbers >> shift
-        repeated = (upper << shift) | (upper >> (bits - shift) if bits >= shift else upper)
-        for made in (np.rint(codes * (_FULL / full)), repeated):
-            same = made == numbers
-            if same.mean() >= 1 - _MOST_ODD and len(np.unique(numbers[same])) >= _DISTINCT:
-                return _FULL / full, f"those of {bits} bits stretched to 16"
+            of_bits = f", as of {17 - step.bit_length()} bits scaled to 16" * (step & (step - 1) == 0)
+            return (float(step), f"multiples of {step}{of_bits}") if step >= _LEAST else None
     return None
 
 

@@ -225,9 +225,8 @@ def numbers_of_planes(image: Hdu, others: Sequence[Hdu]) -> list[str]:
         pairs = ((image.header.get(key), image.header.get(key + letter)) for key in SCALE_KEYS)
         if celestial and any(other not in (None, own) for own, other in pairs):
             letters.append(letter)
-    return said + [
-        f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
-    ] * bool(letters)
+    shown = f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
+    return said + [shown] * bool(letters)
 
 
 def _coordinates(image: Hdu, axis: int) -> list[float]:

@@ -90,15 +90,9 @@ def instrument_from_fits(
     if not images:
         raise FrameError(ErrorCode.NO_IMAGE, path, "holds no image", "give a PSF or a pupil")
     of_psf = {"hdu": hdu, "centre": centre, "jittered": jittered or None}
-    of_pupil = {
-        "band": band,
-        "wavelength": wavelength,
-        "opd": opd,
-        "opd_unit": opd_unit,
-        "plane": plane,
-        "diameter": diameter,
-        "noll": noll or None,
-    }
+    of_light = {"band": band, "wavelength": wavelength}
+    of_wavefront = {"opd": opd, "opd_unit": opd_unit, "plane": plane}
+    of_pupil = of_light | of_wavefront | {"diameter": diameter, "noll": noll or None}
     if _kind(path, images, kind) == "psf":
         _refuse_others(path, "psf", of_pupil)
         psf = effective_psf(path, images, hdu=hdu, plate_scale=plate_scale, centre=centre, jittered=jittered)
