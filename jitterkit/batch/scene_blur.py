@@ -84,14 +84,6 @@ def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
         raise _refusal(ErrorCode.WRONG_SHAPE, sharp, f"it has {own} pixels, {name} {other}")
 
 
-def is_same(raw: RawFrame, reference: RawFrame) -> bool:
-    """Return whether a frame is the reference itself, whatever the name of its file."""
-    if raw.path is None or reference.path is None:
-        return raw is reference
-    same = (raw.index, raw.hdu) == (reference.index, reference.hdu)
-    return same and raw.path.resolve() == reference.path.resolve()
-
-
 def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
     """Return the frame of a set of star fields whose stars are sharpest: the others' reference.
 
@@ -204,7 +196,11 @@ class SceneBlurEstimator:
         ConfigurationError
             If the reference is of another shape than a scene without stars.
         """
-        if self.reference is not None and is_same(raw, self.reference):
+        reference, same = self.reference, raw is self.reference
+        if reference is not None and raw.path is not None and reference.path is not None:
+            same = (raw.index, raw.hdu) == (reference.index, reference.hdu)
+            same = same and raw.path.resolve() == reference.path.resolve()  # whatever the file's name
+        if same:
             problem = f"{raw.name} is the reference that the others are compared with."
             raise UndeterminedError(ErrorCode.IS_REFERENCE, problem)
         frame, sharp = self._electrons(raw), self._sharp

@@ -241,8 +241,13 @@ def check_stacks(bias: Stack | None, darks: Sequence[Stack], flats: Sequence[Sta
         if len(stack) < 2:
             problem = f"there is one {stack.name} frame; give at least two."
             raise ConfigurationError(ErrorCode.TOO_FEW, problem)
-        if stack.kind != "flat":
-            _check_alike(stack)
+        scatter = float(np.median([shot.scatter for shot in stack.shots]))
+        for shot in stack.shots if stack.kind != "flat" else ():
+            if abs(shot.level - stack.level) > _ODD * scatter:
+                theirs = f"that of the {stack.name} frames {stack.level:.5g} ± {scatter:.2g}"
+                problem = f"its level is {shot.level:.5g} ADU, {theirs}"
+                remedy = "take it out, or put it where it belongs"
+                raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
     if bias is not None:
         _check_against(bias, darks, flats)
 
@@ -256,16 +261,6 @@ def _check_settings(shots: Sequence[Shot]) -> None:
                 problem = f"says {card} = {here!r}, {_file(known[0])} {there!r}"
                 remedy = "calibrate each camera, and each setting of it, by itself"
                 raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
-
-
-def _check_alike(stack: Stack) -> None:
-    scatter = float(np.median([shot.scatter for shot in stack.shots]))
-    for shot in stack.shots:
-        if abs(shot.level - stack.level) > _ODD * scatter:
-            theirs = f"that of the {stack.name} frames {stack.level:.5g} ± {scatter:.2g}"
-            problem = f"its level is {shot.level:.5g} ADU, {theirs}"
-            remedy = "take it out, or put it where it belongs"
-            raise _refusal(ErrorCode.WRONG_INSTRUMENT, shot, problem, remedy)
 
 
 def _check_against(bias: Stack, darks: Sequence[Stack], flats: Sequence[Stack]) -> None:

@@ -224,7 +224,17 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     """
     spectrum = power_spectrum(image)
     angles = np.arange(0.0, 180.0, _STRIPE_STEP[1])
-    projections = _projections(spectrum, whitened(spectrum), angles)
+    # for each angle the mean of the values at every frequency along it, and their weight
+    values, bins = whitened(spectrum), max(spectrum.shape)
+    half = values.shape[1] // 2  # of a frequency and its negative, one
+    values, weight = values[:, half:].ravel(), spectrum.weight[:, half:].ravel()
+    projections = []
+    for angle in np.radians(angles):
+        along = np.abs(np.cos(angle) * spectrum.fx[:, half:] + np.sin(angle) * spectrum.fy)
+        at = np.rint(along * bins).astype(np.intp).ravel()
+        share = np.bincount(at, weight, bins)[: bins // 2]
+        total = np.bincount(at, values, bins)[: bins // 2]
+        projections.append((total / np.maximum(share, 1.0), share))
     best = int(np.argmax([(share * mean**2).sum() for mean, share in projections]))
     length, correlation = _match(*projections[best], longest(spectrum.shape))
     if correlation < _LEAST_CORRELATION:
@@ -236,23 +246,6 @@ def estimate_radon(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
         message = f"{problem} scene's spectrum (it takes {_GATE:g})."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
     return streak_estimate(length, float(angles[best]), "radon", _STRIPE_ERRORS, plate_scale)
-
-
-def _projections(
-    spectrum: PowerSpectrum, values: np.ndarray, angles: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return for each angle the mean of the values at every frequency along it, and their weight."""
-    half = values.shape[1] // 2  # of a frequency and its negative, one
-    values, weight = values[:, half:].ravel(), spectrum.weight[:, half:].ravel()
-    bins = max(spectrum.shape)
-    fx, fy = spectrum.fx[:, half:], spectrum.fy
-    projections = []
-    for angle in np.radians(angles):
-        at = np.rint(np.abs(np.cos(angle) * fx + np.sin(angle) * fy) * bins).astype(np.intp).ravel()
-        share = np.bincount(at, weight, bins)[: bins // 2]
-        total = np.bincount(at, values, bins)[: bins // 2]
-        projections.append((total / np.maximum(share, 1.0), share))
-    return projections
 
 
 def _match(mean: np.ndarray, share: np.ndarray, limit: float) -> tuple[float, float]:

@@ -85,7 +85,12 @@ def _light(raw: RawFrame, noise: float, step: int, tile: int) -> np.ndarray:
     level = float(np.median(good.ravel()[:: max(1, good.size // 100_000)])) if good.size else 0.0
     data[raw.mask] = level
     binned = bin_mean(_without_outliers(data, noise, level), step).astype(np.float64)
-    return binned - _sky(binned, tile)
+    # the sky: medians of tiles, bilinearly between their centres
+    rows, columns = (_edges(n, tile) for n in binned.shape)
+    medians = [[np.median(binned[a:b, c:d]) for c, d in itertools.pairwise(columns)]
+               for a, b in itertools.pairwise(rows)]  # fmt: skip
+    up, across = (_weights(n, edges) for n, edges in zip(binned.shape, (rows, columns), strict=True))
+    return binned - up @ np.asarray(medians) @ across.T
 
 
 def _without_outliers(data: np.ndarray, noise: float, level: float) -> np.ndarray:
@@ -97,15 +102,6 @@ def _without_outliers(data: np.ndarray, noise: float, level: float) -> np.ndarra
     around = median_filter(data, 3)
     odd = np.abs(data - around) > OUTLIER * noise + np.maximum(around - level, 0)
     return np.where(odd, median_filter(data, 5), data)
-
-
-def _sky(image: np.ndarray, tile: int) -> np.ndarray:
-    """Interpolate the medians of tiles, bilinearly between their centres."""
-    rows, columns = (_edges(n, tile) for n in image.shape)
-    medians = [[np.median(image[a:b, c:d]) for c, d in itertools.pairwise(columns)]
-               for a, b in itertools.pairwise(rows)]  # fmt: skip
-    up, across = (_weights(n, edges) for n, edges in zip(image.shape, (rows, columns), strict=True))
-    return up @ np.asarray(medians) @ across.T
 
 
 def _edges(length: int, tile: int) -> list[int]:

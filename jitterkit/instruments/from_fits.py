@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,13 +93,23 @@ def instrument_from_fits(
     of_light = {"band": band, "wavelength": wavelength}
     of_wavefront = {"opd": opd, "opd_unit": opd_unit, "plane": plane}
     of_pupil = of_light | of_wavefront | {"diameter": diameter, "noll": noll or None}
-    if _kind(path, images, kind) == "psf":
-        _refuse_others(path, "psf", of_pupil)
+    holds_pupil = is_pupil(images) if kind is None else kind == "pupil"
+    if holds_pupil is None or kind not in (None, "psf", "pupil"):
+        code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
+        problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
+        raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
+    kind, others = ("pupil", of_psf) if holds_pupil else ("psf", of_pupil)
+    for key, value in others.items():
+        if value is not None:
+            problem = f"{path}: {key} = {value!r} does not go with a {kind}; leave it out."
+            raise ConfigurationError(ErrorCode.CONFLICT, problem)
+    names = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
+    name = " ".join(filter(None, names)) or path.name.partition(".")[0]
+    if not holds_pupil:
         psf = effective_psf(path, images, hdu=hdu, plate_scale=plate_scale, centre=centre, jittered=jittered)
         file = output.with_name(f"{output.stem}-psf.fits")
-        tables, remarks = _write_psf(file, psf, _name(images, path), shape, overwrite)
+        tables, remarks = _write_psf(file, psf, name, shape, overwrite)
     else:
-        _refuse_others(path, "pupil", of_psf)
         second = None if opd is None else (Path(opd), read_images(Path(opd))[0])
         arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
         light = _light(path, images, band, wavelength)
@@ -108,34 +118,13 @@ def instrument_from_fits(
                 f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel."
             )
             raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
-        head: dict[str, Any] = {"name": _name(images, path), "plate_scale": plate_scale}
+        head: dict[str, Any] = {"name": name, "plate_scale": plate_scale}
         head |= {} if shape is None else {"shape": list(shape)}
         file = output.with_name(f"{output.stem}-pupil.npz")
         tables, remarks = _write_pupil(file, arrays, head, light, noll, overwrite)
     with replacing(output, overwrite) as temporary:
         temporary.write_text(toml_text(tables, *_source(path, images)), encoding="utf-8")
     return [*remarks, f"wrote {file}", f"wrote {output}"]
-
-
-def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
-    known = is_pupil(images) if kind is None else kind == "pupil"
-    if known is None or kind not in (None, "psf", "pupil"):
-        code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
-        problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
-        raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
-    return "pupil" if known else "psf"
-
-
-def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
-    for name, value in others.items():
-        if value is not None:
-            problem = f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
-            raise ConfigurationError(ErrorCode.CONFLICT, problem)
-
-
-def _name(images: Sequence[NamedImage], path: Path) -> str:
-    names = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
-    return " ".join(filter(None, names)) or path.name.partition(".")[0]
 
 
 def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
@@ -201,11 +190,17 @@ def _write_pupil(
     overwrite: bool,
 ) -> tuple[Tables, list[str]]:
     """Write a pupil; return the tables of the instrument file, and remarks."""
-    from jitterkit.optics.pupil import Pupil
+    from jitterkit.conventions import offsets
+    from jitterkit.optics.pupil import Pupil, zernike
     from jitterkit.optics.pupil_file import write_pupil
 
     transmission, opd, width = arrays
-    pupil = Pupil(transmission, width, opd, _modes(transmission, noll), [f"noll{j}" for j in noll])
+    # modes on the smallest circle about the array's centre that holds all lit samples
+    axis = offsets(len(transmission), 1.0)
+    x, y = np.meshgrid(axis, axis)
+    radius = np.hypot(x, y)[transmission > 0].max(initial=1.0) + 0.5
+    modes = np.array([zernike(j, x / radius, y / radius) for j in noll]).reshape(-1, *transmission.shape)
+    pupil = Pupil(transmission, width, opd, modes, [f"noll{j}" for j in noll])
     spectrum = flat_band(*light["band"]) if "band" in light else Spectrum(tuple(light["lines"]), (1.0,))
     shape = tuple(head.get("shape", (128, 128)))
     Instrument(head["name"], head["plate_scale"], shape, spectrum=spectrum, pupil_from=pupil).system()
@@ -216,14 +211,3 @@ def _write_pupil(
     size = f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide"
     remark = f"{size}, {pupil.cutoff_diameter:.4g} m lit, wavefront error {rms:.4g} nm rms"
     return {"instrument": head, "telescope": {"pupil": file.name}, "spectrum": light}, [remark]
-
-
-def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
-    """Zernike modes (k, n, n) on the smallest circle about the array's centre that holds all lit samples."""
-    from jitterkit.conventions import offsets
-    from jitterkit.optics.pupil import zernike
-
-    axis = offsets(len(transmission), 1.0)
-    x, y = np.meshgrid(axis, axis)
-    radius = np.hypot(x, y)[transmission > 0].max(initial=1.0) + 0.5
-    return np.array([zernike(j, x / radius, y / radius) for j in noll]).reshape(-1, *transmission.shape)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
+from jitterkit.loci import Mvn, jitter_cards, locus_name
 from jitterkit.shutter import Drifting
 from jitterkit.simulate.frames import Simulated
 
@@ -83,7 +83,17 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
         if number:
             keyword, comment = f"{keyword[:6]}{number}", f"{comment}, star {number}"
         cards[keyword] = (value, comment)
-    cards |= _jitter_cards(locus)
+    cards["TRULOCUS"] = (locus_name(locus), "true jitter locus")
+    sizes = locus.describe()
+    others = [size for size in sizes if size not in _SIZES]
+    numbered = {size: (f"TRUJ{k}", f"true {size}") for k, size in enumerate(others, start=1)}
+    for size, value in sizes.items():
+        keyword, comment = {**_SIZES, **numbered}[size]
+        cards[keyword] = (float(value), comment)
+    moments = [float(value) for value in np.asarray(locus.moments())]
+    for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
+        cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
+    cards |= jitter_cards(moments, normal=isinstance(locus, Mvn))
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
@@ -171,21 +181,6 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
         name for name in _NUMBERS if simulated.raw.unit == "adu" or name not in ("gain", "bias", "saturation")
     ]
     return {name: metadata.value(name) for name in names if metadata.value(name) is not None}
-
-
-def _jitter_cards(locus: Locus) -> Cards:
-    name = locus_name(locus)
-    cards: Cards = {"TRULOCUS": (name, "true jitter locus")}
-    sizes = locus.describe()
-    others = [size for size in sizes if size not in _SIZES]
-    numbered = {size: (f"TRUJ{k}", f"true {size}") for k, size in enumerate(others, start=1)}
-    for size, value in sizes.items():
-        keyword, comment = {**_SIZES, **numbered}[size]
-        cards[keyword] = (float(value), comment)
-    moments = [float(value) for value in np.asarray(locus.moments())]
-    for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
-        cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
-    return cards | jitter_cards(moments, normal=isinstance(locus, Mvn))
 
 
 def _truths(frames: Sequence[Simulated], seed: int | None) -> Iterator[tuple[str, list[Any], str]]:
