@@ -24,7 +24,7 @@ from typing import Any, Generic, TypeVar
 from uuid import uuid4
 
 from jitterkit.batch.executor import Finish, FrameTask, Outcome
-from jitterkit.batch.plan import Batch, Item
+from jitterkit.batch.plan import Batch
 from jitterkit.batch.worker import Part, WorkerSetup, distributed, work
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.refit import FitResult, Status
@@ -89,10 +89,9 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
     dask sets there makes them four times slower.
     """
     if distributed is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_PACKAGE,
-            'Workers need dask.distributed, which is not installed; run: pip install "jitterkit[cluster]"',
-        )
+        problem = "Workers need dask.distributed, which is not installed"
+        remedy = 'run: pip install "jitterkit[cluster]"'
+        raise ConfigurationError(ErrorCode.MISSING_PACKAGE, f"{problem}; {remedy}")
     import dask
 
     with dask.config.set(_CONFIGURED), _quiet():
@@ -271,15 +270,11 @@ class _Scheduler(Generic[T]):
 
     def _frame_by_frame(self, part: Batch) -> Iterator[T]:
         """Try each frame of a part that killed alone, with nothing else at any worker."""
-        part = replace(part, references=self._sound(part))
+        if self._alone(replace(part, items=())) is None:  # some of its reference frames kill too
+            each = {item: Batch(part.number, (item,)) for item in part.references}
+            sound = (item for item, frame in each.items() if self._alone(frame) is not None)
+            part = replace(part, references=tuple(sound))
         for index, item in enumerate(part.items):
             frame = part.part(index, index + 1)
             done = self._alone(frame)
             yield from [self._finish(frame, [Outcome(*item, _KILLED)])] if done is None else done
-
-    def _sound(self, part: Batch) -> tuple[Item, ...]:
-        """Return the reference frames without those that kill whoever looks at them."""
-        if self._alone(replace(part, items=())) is not None:
-            return part.references
-        alone = (item for item in part.references if self._alone(Batch(part.number, (item,))) is not None)
-        return tuple(alone)

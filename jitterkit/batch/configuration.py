@@ -77,17 +77,14 @@ def describe(value: Any) -> Any:
     if isinstance(value, set | frozenset):
         return sorted(map(describe, value), key=str)
     if isinstance(value, np.ndarray | np.generic | jax.Array):
-        return _array(np.asarray(value))
+        array = np.asarray(value)
+        if array.size <= _SHORT:
+            return array.tolist()
+        digest = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()[:16]
+        return f"{array.dtype} {list(array.shape)} {digest}"
     return str(value)
 
 
 def _fields(value: Any, skip: Sequence[str] = ()) -> dict[str, Any]:
     names = (f.name for f in fields(value) if not f.name.startswith("_") and f.name not in skip)
     return {name: describe(getattr(value, name)) for name in names}
-
-
-def _array(array: np.ndarray) -> Any:
-    if array.size <= _SHORT:
-        return array.tolist()
-    digest = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()[:16]
-    return f"{array.dtype} {list(array.shape)} {digest}"

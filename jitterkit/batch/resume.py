@@ -7,7 +7,7 @@ a file, in one table would be worse than none.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,7 +52,15 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
     inside_files = path[0] == FILES and len(path) > 1
     if inside_files and (sentence := _come_or_gone(printable(directory), stored[FILES], now[FILES])):
         raise ConfigurationError(ErrorCode.CONFLICT, sentence)
-    what = f"{printable(directory)} was started {_describe_difference(path, before, after)}"
+    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
+    name = printable("".join(names).removeprefix("."))
+    if before is _ABSENT:
+        how = f"without {name}, not with {name} {_short(after)}"
+    elif after is _ABSENT:
+        how = f"with {name} {_short(before)}, not without"
+    else:
+        how = f"with {name} {_short(before)}, not {_short(after)}"
+    what = f"{printable(directory)} was started {how}"
     if path[0] == VERSIONS:
         problem = f"{what}, and the last digits need the same versions; install those"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, or give another directory.")
@@ -61,29 +69,15 @@ def refuse_difference(directory: Path, stored: Any, now: Any) -> None:
 
 def _first_difference(a: Any, b: Any, path: tuple = ()) -> tuple[tuple, Any, Any] | None:
     """Return the key path where two values first differ, and both values there; None if they are equal."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        return _first_of(dict.fromkeys([*a, *b]), a.get, b.get, path)
     if isinstance(a, list) and isinstance(b, list):
-        return _first_of(range(max(len(a), len(b))), dict(enumerate(a)).get, dict(enumerate(b)).get, path)
+        a, b = dict(enumerate(a)), dict(enumerate(b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        pairs = ((key, a.get(key, _ABSENT), b.get(key, _ABSENT)) for key in dict.fromkeys([*a, *b]))
+        found = (_first_difference(x, y, (*path, key)) for key, x, y in pairs)
+        return next(filter(None, found), None)
     same = a == b or (a != a and b != b)  # NaN is NaN
     same = same or all(value in _NOT_MADE for value in (a, b))
     return None if same else (path, a, b)
-
-
-def _first_of(keys, a, b, path: tuple) -> tuple[tuple, Any, Any] | None:
-    pairs = ((key, a(key, _ABSENT), b(key, _ABSENT)) for key in keys)
-    found = (_first_difference(x, y, (*path, key)) for key, x, y in pairs)
-    return next((difference for difference in found if difference), None)
-
-
-def _describe_difference(path: tuple, before: Any, after: Any) -> str:
-    names = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in path]
-    name = printable("".join(names).removeprefix("."))
-    if before is _ABSENT:
-        return f"without {name}, not with {name} {_short(after)}"
-    if after is _ABSENT:
-        return f"with {name} {_short(before)}, not without"
-    return f"with {name} {_short(before)}, not {_short(after)}"
 
 
 def _come_or_gone(directory: str, stored: list[str], now: list[str]) -> str:
@@ -193,17 +187,22 @@ def recounted(
     planned = _batches(files, frames, size, done)
     looked_at = {path for batch in planned for path, _ in (*batch.items, *batch.references)}
     if spoilt := [index for index in changed if files[index] in looked_at]:
-        raise ConfigurationError(ErrorCode.CHANGED, _spoilt(files, known, changed, spoilt))
+        first = spoilt[0]
+        was, stamp = known[first].stamp, changed[first]
+        assert was is not None  # else it would not have changed
+        how = (
+            f"{was[0]} bytes then, {stamp[0]} now" if was[0] != stamp[0] else "it was written at another time"
+        )
+        others = f", as have {len(spoilt) - 1} more," if len(spoilt) > 1 else ""
+        problem = f"{printable(files[first])} has changed{others} since frames of it were done ({how})"
+        raise ConfigurationError(ErrorCode.CHANGED, f"{problem}; {_REMEDY}")
     recounted_files = {index: Counted(count(files[index]), stamp) for index, stamp in changed.items()}
-    shifted = [index for index, one in recounted_files.items() if one.frames != frames[index]]
     now = [recounted_files[index].frames if index in recounted_files else n for index, n in enumerate(frames)]
     if _batches(files, now, size, done) != planned:
-        first = shifted[0]
-        raise ConfigurationError(
-            ErrorCode.CHANGED,
-            f"The number of frames in {printable(files[first])} was {frames[first]} and is "
-            f"{now[first]} now, and frames after those have been done; {_REMEDY}",
-        )
+        first = next(index for index in recounted_files if now[index] != frames[index])
+        counts = f"was {frames[first]} and is {now[first]} now, and frames after those have been done"
+        problem = f"The number of frames in {printable(files[first])} {counts}"
+        raise ConfigurationError(ErrorCode.CHANGED, f"{problem}; {_REMEDY}")
     return recounted_files
 
 
@@ -228,14 +227,3 @@ def _is_same(then: Stamp, now: Stamp) -> bool:
 
 def _batches(files: Sequence[Path], frames: Sequence[int], size: int, done: Collection[int]) -> list[Batch]:
     return [batch for batch in plan_batches(files[: len(frames)], frames, size) if batch.number in done]
-
-
-def _spoilt(
-    files: Sequence[Path], known: Sequence[Counted], changed: Mapping[int, Stamp], spoilt: Sequence[int]
-) -> str:
-    first = spoilt[0]
-    was, now = known[first].stamp, changed[first]
-    assert was is not None  # else it would not have changed
-    how = f"{was[0]} bytes then, {now[0]} now" if was[0] != now[0] else "it was written at another time"
-    others = f", as have {len(spoilt) - 1} more," if len(spoilt) > 1 else ""
-    return f"{printable(files[first])} has changed{others} since frames of it were done ({how}); {_REMEDY}"

@@ -7,7 +7,7 @@ one in a set; :func:`check_reference` refuses one that is of no use before a lon
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,7 +22,6 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, UndeterminedError
 from jitterkit.extended import BLIND, estimate_from_reference, estimate_trail
 from jitterkit.frames import Frame, RawFrame, find_files, open_frames
-from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.kernels import fill_masked
 from jitterkit.starfield import estimate_field, field_psf, roundest
 from jitterkit.starfield.field import refuse_other_pixels
@@ -56,7 +55,17 @@ def check_reference(
     if starless:
         raise _refusal(ErrorCode.NO_STAR, sharp, f"it shows no stars ({starless.rstrip('.')})")
     if starless is None:
-        _check_view(sharp, _sizes(paths, hdu))
+        if not _shows_something(fill_masked(sharp.electrons, ~sharp.mask)):
+            raise _refusal(ErrorCode.NO_SIGNAL, sharp, "it shows nothing but noise")
+        sizes: list[tuple[str, tuple[int, int]]] = []
+        for path in find_files(paths):
+            with suppress(FrameError), open_frames(path, hdu=hdu) as file:
+                sizes.append((path.name, file.shape))
+            if sizes and sizes[-1][1] == sharp.shape:
+                break
+        else:
+            if sizes:
+                check_size(sharp, *sizes[0])
     alone = sharp.path is not None and not sharp.several
     if alone and {path.resolve() for path in find_files(paths)} == {Path(sharp.path).resolve()}:  # type: ignore[arg-type]
         problem = f"{sharp.name} is the reference and the only frame; give frames to compare with it."
@@ -73,14 +82,6 @@ def check_size(sharp: Frame, name: str, size: tuple[int, int]) -> None:
     if size != sharp.shape:
         own, other = (f"{nx} x {ny}" for ny, nx in (sharp.shape, size))
         raise _refusal(ErrorCode.WRONG_SHAPE, sharp, f"it has {own} pixels, {name} {other}")
-
-
-def is_same(raw: RawFrame, reference: RawFrame) -> bool:
-    """Return whether a frame is the reference itself, whatever the name of its file."""
-    if raw.path is None or reference.path is None:
-        return raw is reference
-    same = (raw.index, raw.hdu) == (reference.index, reference.hdu)
-    return same and raw.path.resolve() == reference.path.resolve()
 
 
 def sharpest(paths: Sequence[str | Path], hdu: int | None = None) -> RawFrame:
@@ -114,31 +115,11 @@ def _refusal(code: ErrorCode, sharp: Frame, problem: str) -> ConfigurationError:
     return ConfigurationError(code, message)
 
 
-def _check_view(sharp: Frame, sizes: Iterator[tuple[str, tuple[int, int]]]) -> None:
-    """Refuse a view of nothing, and one of another size than every file that can be read."""
-    if not _shows_something(fill_masked(sharp.electrons, ~sharp.mask)):
-        raise _refusal(ErrorCode.NO_SIGNAL, sharp, "it shows nothing but noise")
-    others = []
-    for name, size in sizes:
-        if size == sharp.shape:
-            return
-        others.append((name, size))
-    if others:
-        check_size(sharp, *others[0])
-
-
 def _shows_something(image: np.ndarray) -> bool:
     """Return whether neighbouring pixels are correlated; those of white noise are not."""
     off = image - image.mean()
     products = np.mean(off[:, 1:] * off[:, :-1]), np.mean(off[1:] * off[:-1])
     return bool(max(products) > _CHANCE * np.mean(off**2) / np.sqrt(off.size))
-
-
-def _sizes(paths: Sequence[str | Path], hdu: int | None) -> Iterator[tuple[str, tuple[int, int]]]:
-    """Name and size of the frames of every file that can be read."""
-    for path in find_files(paths):
-        with suppress(FrameError), open_frames(path, hdu=hdu) as file:
-            yield path.name, file.shape
 
 
 METHODS = {**BLIND, "trail": estimate_trail}
@@ -215,11 +196,28 @@ class SceneBlurEstimator:
         ConfigurationError
             If the reference is of another shape than a scene without stars.
         """
-        if self.reference is not None and is_same(raw, self.reference):
+        reference, same = self.reference, raw is self.reference
+        if reference is not None and raw.path is not None and reference.path is not None:
+            same = (raw.index, raw.hdu) == (reference.index, reference.hdu)
+            same = same and raw.path.resolve() == reference.path.resolve()  # whatever the file's name
+        if same:
             problem = f"{raw.name} is the reference that the others are compared with."
             raise UndeterminedError(ErrorCode.IS_REFERENCE, problem)
-        frame = self._electrons(raw)
-        return self._field(frame) if self._shows_stars else self._extended(frame)
+        frame, sharp = self._electrons(raw), self._sharp
+        if self._shows_stars:
+            found = estimate_field(frame, reference=sharp)
+            message = " ".join([found.pattern.sentence, *found.remarks])
+            sizes = found.length, found.length_err, found.angle_err
+            return BlurMeasurement(frame, found.kernel, frame.plate_scale, found, *sizes, message)
+        image, scale = _filled(frame), frame.plate_scale or 1.0
+        if sharp is None:
+            estimate = METHODS[self.method](image, plate_scale=scale)
+        else:
+            check_size(sharp, frame.name, frame.shape)
+            refuse_other_pixels(sharp, frame)
+            mask = sharp.mask | frame.mask
+            estimate = estimate_from_reference(_filled(sharp), image, plate_scale=scale, mask=mask)
+        return BlurMeasurement.from_estimate(frame, estimate, frame.plate_scale, image)
 
     def _electrons(self, raw: RawFrame) -> Frame:
         """Return a frame in electrons, by what its header and the command line say."""
@@ -247,25 +245,6 @@ class SceneBlurEstimator:
         except UndeterminedError as error:
             return str(error)
         return ""
-
-    def _field(self, frame: Frame) -> BlurMeasurement:
-        found = estimate_field(frame, reference=self._sharp)
-        message = " ".join([found.pattern.sentence, *found.remarks])
-        sizes = found.length, found.length_err, found.angle_err
-        return BlurMeasurement(frame, found.kernel, frame.plate_scale, found, *sizes, message)
-
-    def _extended(self, frame: Frame) -> BlurMeasurement:
-        scale, image = frame.plate_scale, _filled(frame)
-        return BlurMeasurement.from_estimate(frame, self._estimate(image, frame, scale or 1.0), scale, image)
-
-    def _estimate(self, image: np.ndarray, frame: Frame, scale: float) -> KernelEstimate:
-        sharp = self._sharp
-        if sharp is None:
-            return METHODS[self.method](image, plate_scale=scale)
-        check_size(sharp, frame.name, frame.shape)
-        refuse_other_pixels(sharp, frame)
-        mask = sharp.mask | frame.mask
-        return estimate_from_reference(_filled(sharp), image, plate_scale=scale, mask=mask)
 
 
 def _filled(frame: Frame) -> np.ndarray:

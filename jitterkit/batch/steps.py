@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -26,26 +25,16 @@ from jitterkit.batch.records import SceneEstimate
 from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.frames import Frame, RawFrame
+from jitterkit.frames.altered import without_border
 from jitterkit.frames.region import find_region
-from jitterkit.frames.sections import without_border
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
 from jitterkit.optics import AnchoredOptics, Optics
-from jitterkit.refit import (
-    SCENES,
-    FitOptions,
-    FitResult,
-    Priors,
-    SceneChoice,
-    Status,
-    choose_scene,
-    fit_best_locus,
-    fit_locus,
-)
-from jitterkit.refit.choose import is_lost
+from jitterkit.refit import SCENES, FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
+from jitterkit.refit.choose import fit_best_locus, is_lost
 from jitterkit.refit.evidence import CHOICES
-from jitterkit.refit.scene_choice import found_allowing
+from jitterkit.refit.scene_choice import SceneChoice, found_allowing
 from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
 
@@ -158,8 +147,29 @@ def search(
     rough: bool = False,
 ) -> tuple[SceneChoice | FitResult, Data]:
     """Choose the scene of a frame, and return its data without pixels that no star can have made."""
-    find = partial(_choose, frame, optics, scene, options, warm)
-    return found_allowing(find, data, optics.nominal, options.model_error, rough=rough)
+
+    def choose(data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
+        """Choose the scene of cleaned data, or say why that cannot be done."""
+        if (refused := unusable(frame, data)) is not None:
+            return refused
+        expected = warm.scene if scene == AUTO and warm is not None else scene
+        seen = warm.choices.get(frame.digest) if warm is not None else None
+        if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
+            # it agrees with the others, or is in no doubt
+            return seen if rough else replace(seen, start=settled(seen.start, data, optics, options.hold))
+        start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
+        choice = None
+        # a frame of a run need not be as the run is
+        if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
+            readings = ("", False) if seen is None else (seen.readings, True)
+            choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
+        elif scene == AUTO:
+            choice = choose_scene(data, optics, options, rough=rough)
+        if choice is None:
+            return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
+        return choice
+
+    return found_allowing(choose, data, optics.nominal, options.model_error, rough=rough)
 
 
 def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str] = ()) -> KernelEstimate:
@@ -235,10 +245,8 @@ def _with_likelier_signs(start: SceneEstimate, priors: Priors) -> SceneEstimate:
     value = np.asarray(start.parameters.aberrations)
     other = np.where([name in unseen for name in names], -value, value)
     known = [(i, *priors.terms[name]) for i, name in enumerate(names) if name in priors.terms]
-    cost, turned = (
-        sum(((state[i] - mean) / sigma) ** 2 for i, mean, sigma in known) for state in (value, other)
-    )
-    if not turned < cost:
+    costs = [sum(((state[i] - mean) / sigma) ** 2 for i, mean, sigma in known) for state in (value, other)]
+    if not costs[1] < costs[0]:
         return start
     parameters = eqx.tree_at(lambda p: p.aberrations, start.parameters, jnp.asarray(other))
     searched = None if start.searched is None else start.optics.otf(other)
@@ -251,34 +259,3 @@ def _lacks_a_star(start: Start) -> bool:
         return False
     error = math.sqrt(start.covariance_of(("contrast",))[0, 0])
     return is_lost(float(start.parameters.scene.values["contrast"]), error)
-
-
-def _choose(
-    frame: Frame,
-    optics: Optics,
-    scene: str,
-    options: FitOptions,
-    warm: WarmStart | None,
-    data: Data,
-    *,
-    rough: bool = False,
-) -> SceneChoice | FitResult:
-    """Choose the scene of cleaned data, or say why that cannot be done."""
-    if (refused := unusable(frame, data)) is not None:
-        return refused
-    expected = warm.scene if scene == AUTO and warm is not None else scene
-    seen = warm.choices.get(frame.digest) if warm is not None else None
-    if seen is not None and (expected in (AUTO, seen.scene) or seen.evidence is None):
-        # it agrees with the others, or is in no doubt
-        return seen if rough else replace(seen, start=settled(seen.start, data, optics, options.hold))
-    start = None if expected == AUTO else _SEARCHES[expected](data, optics, options.hold, rough=rough)
-    choice = None
-    # a frame of a run need not be as the run is
-    if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
-        readings = ("", False) if seen is None else (seen.readings, True)
-        choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
-    elif scene == AUTO:
-        choice = choose_scene(data, optics, options, rough=rough)
-    if choice is None:
-        return FitResult(Status.NO_STAR, f"{Status.NO_STAR.value}: there is no star to fit.")
-    return choice

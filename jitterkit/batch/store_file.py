@@ -78,8 +78,17 @@ class StoreFile:
     def __init__(self, path: Path) -> None:
         if os.path.exists(path) and not os.access(path, os.W_OK):  # SQLite would open it for reading
             raise unwritable(path, "it is read-only")
-        self.path, self._lock = path, threading.RLock()
-        self.connection = _open_patiently(path)
+        self.path, self._lock, waits = path, threading.RLock(), iter(_WAITS)
+        while True:
+            try:
+                with translate_errors(path):
+                    self.connection = _open(path)
+                return
+            except ConfigurationError as error:
+                wait = next(waits, None)
+                if wait is None or _code(error.__cause__) not in _LOCKED:
+                    raise
+                time.sleep(wait)
 
     def read(self, query: str, values: Sequence[Any] = ()) -> list[tuple]:
         """Return all that a query finds."""
@@ -105,29 +114,15 @@ class StoreFile:
             self.connection.close()
 
 
-def _open_patiently(path: Path) -> sqlite3.Connection:
-    waits = iter(_WAITS)
-    while True:
-        try:
-            with translate_errors(path):
-                return _open(path)
-        except ConfigurationError as error:
-            wait = next(waits, None)
-            if wait is None or _code(error.__cause__) not in _LOCKED:
-                raise
-            time.sleep(wait)
-
-
 def _open(path: Path) -> sqlite3.Connection:
     # any thread may use it: the store lets in one after the other
     connection = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
     try:
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")  # before anything else looks at the file
         _recognise(path, connection)
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("PRAGMA fullfsync = ON")  # macOS flushes the drive only if asked
-        connection.execute("PRAGMA secure_delete = OFF")
+        # macOS flushes the drive only if asked
+        for setting in ("journal_mode = WAL", "synchronous = FULL", "fullfsync = ON", "secure_delete = OFF"):
+            connection.execute(f"PRAGMA {setting}")
         connection.execute("BEGIN EXCLUSIVE")
         if _is_empty(connection):
             for statement in _TABLES.split(";"):
@@ -179,22 +174,19 @@ def translate_errors(path: Path) -> Iterator[None]:
     except _ERRORS as error:
         if isinstance(error, sqlite3.ProgrammingError):
             raise  # ours to mend
-        raise _translated(path, error) from error
-
-
-def _translated(path: Path, error: Exception) -> ConfigurationError:
-    code, file, directory = _code(error), printable(path), printable(path.parent)
-    if code in _LOCKED:
-        problem = f"Another run is writing to {directory} (if there is none, its disk cannot lock files)"
-        return ConfigurationError(ErrorCode.LOCKED, f"{problem}; wait for it, or give another directory.")
-    if code == sqlite3.SQLITE_FULL:
-        problem = f"{file} cannot grow ({error}); free some space and resume the run"
-        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}: its results so far are kept.")
-    if code in _BROKEN:
-        problem = f"{file} cannot be read or written ({error})"
-        remedy = "look at its disk (space, quota, connection) and resume the run: what it did is kept"
-        return ConfigurationError(ErrorCode.NOT_WRITABLE, f"{problem}; {remedy}.")
-    return unwritable(path, error) if code in _CLOSED else _damaged(path, error)
+        code, file, kind = _code(error), printable(path), ErrorCode.NOT_WRITABLE
+        if code in _LOCKED:
+            problem = f"Another run is writing to {printable(path.parent)}"
+            remedy = "(if there is none, its disk cannot lock files); wait for it, or give another directory"
+            raise ConfigurationError(ErrorCode.LOCKED, f"{problem} {remedy}.") from error
+        if code == sqlite3.SQLITE_FULL:
+            problem = f"{file} cannot grow ({error}); free some space and resume the run"
+            raise ConfigurationError(kind, f"{problem}: its results so far are kept.") from error
+        if code in _BROKEN:
+            problem = f"{file} cannot be read or written ({error})"
+            remedy = "look at its disk (space, quota, connection) and resume the run: what it did is kept"
+            raise ConfigurationError(kind, f"{problem}; {remedy}.") from error
+        raise (unwritable if code in _CLOSED else _damaged)(path, error) from error
 
 
 def unwritable(path: Path, problem: object) -> ConfigurationError:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from contextlib import closing
+from contextlib import closing, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,17 +24,9 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 T = TypeVar("T")
 
 
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:  # reported when a cluster is asked for
-        return None
-    return distributed
-
-
-distributed = _distributed()
-
-
+distributed: Any = None
+with suppress(ImportError):  # reported when a cluster is asked for
+    distributed = import_module("distributed")
 Part = tuple[Batch, ...]
 """Batches with the same reference frames."""
 
@@ -84,30 +77,25 @@ class WorkerSetup(distributed.WorkerPlugin if distributed else object):  # type:
         self.home = os.getcwd()
         if os.path.isdir(self.directory):
             os.chdir(self.directory)  # for paths that are relative
-        self._check(worker.address)
+        if self.probe is not None and not self.probe.exists():
+            raise ConfigurationError(
+                ErrorCode.NOT_FOUND,
+                f"The worker {worker.address} does not see {self.probe}: files must be readable there under "
+                "the same path; mount the file system there, or give a path that is the same everywhere.",
+            )
+        self._compare(worker.address, _computed_with())
         self.task = pickle.loads(self.pickled)
 
     def teardown(self, worker: Any) -> None:
         os.chdir(self.home)
 
-    def _check(self, address: str) -> None:
-        """Refuse a worker that would give other rows."""
-        if self.probe is not None and not self.probe.exists():
-            raise ConfigurationError(
-                ErrorCode.NOT_FOUND,
-                f"The worker {address} does not see {self.probe}: files must be readable there under the "
-                "same path; mount the file system there, or give a path that is the same everywhere.",
-            )
-        self._compare(address, _computed_with())
-
     def _compare(self, address: str, here: dict[str, str]) -> None:
+        """Refuse a worker that would give other rows."""
         for name, own in here.items():
             if own != self.computed[name]:
-                raise ConfigurationError(
-                    ErrorCode.CONFLICT,
-                    f"The worker {address} computes with {name} {own}, this process with "
-                    f"{self.computed[name]}, which changes the last digits; make them the same.",
-                )
+                problem = f"The worker {address} computes with {name} {own}, this process with"
+                problem = f"{problem} {self.computed[name]}, which changes the last digits"
+                raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; make them the same.")
 
 
 def _computed_with() -> dict[str, str]:

@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jitterkit.calibration import dark_frames
-from jitterkit.calibration.checks import check_stacks, split_by_light
 from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
-from jitterkit.calibration.master import CLIP, MEMORY, Master, combine
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import CLIP, MEMORY, Master, MeasuredMap, combine
 from jitterkit.calibration.stack import Stack
+from jitterkit.calibration.stack_files import check_stacks, split_by_light
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
 from jitterkit.errors import ConfigurationError, ErrorCode, positive
 
@@ -184,7 +183,8 @@ class _Work:
         self.bad = np.zeros(shape, np.uint8)
         if self.master is not None:
             self.spoil("blank", self.master.unusable)
-            self.spoil("noisy", dark_frames.noisy_pixels(self.master) & ~self.master.unusable)
+            noisy = self.master.variance > dark_frames.NOISY**2 * self.master.usual
+            self.spoil("noisy", noisy & ~self.master.unusable)
 
     def combined(self, stack: Stack, scales: np.ndarray | None = None, pedestal: float = 0.0) -> Master:
         chosen = self.settings
@@ -227,19 +227,16 @@ class _Work:
         split = [split_by_light(stack, self.level) for stack in stacks]
         for stack in sorted((s for group in split for s in group), key=lambda s: s.level):
             self.spoil("blank", stack.unusable)
-            scales = self._lamp(stack)
+            shots, samples = stack.shots, min(stack.shape[0] * stack.shape[1], 65536)
+            levels_of_lamp = np.array([shot.level - self.level for shot in shots])
+            scales = lamp(levels_of_lamp, np.array([shot.scatter for shot in shots]) / samples**0.5)
             master = self.combined(stack, scales, self.level)
-            piled = float(np.mean([shot.saturated for shot in stack.shots])) >= 0.5
+            piled = float(np.mean([shot.saturated for shot in shots])) >= 0.5
             level = measure_level(master, zero, self.bad == 0, scales=scales, saturated=piled)
             levels = mark_saturated([*levels, level])
             if not levels[-1].saturated:
                 response.add(master)
         return levels, response
-
-    def _lamp(self, stack: Stack) -> np.ndarray:
-        samples = min(stack.shape[0] * stack.shape[1], 65536)
-        errors = np.array([shot.scatter for shot in stack.shots]) / samples**0.5
-        return lamp(np.array([shot.level - (self.level or 0.0) for shot in stack.shots]), errors)
 
     def result(
         self, gain: tuple[float, float], transfer: PhotonTransfer | None, response: Response | None
@@ -247,7 +244,8 @@ class _Work:
         """Return the calibration, all in electrons."""
         if response is not None:
             usable = (self.bad & (FLAGS["blank"] | FLAGS["hot"])) == 0
-            self.spoil("dead", response.dead_pixels(usable, self.settings.dead))
+            light = self.settings.dead * surface(response.sums, usable)
+            self.spoil("dead", usable & (response.sums < light))
         good = self.bad == 0
         if not good.any():
             problem = f"none of the {good.size} pixels is good; check which frames are which."

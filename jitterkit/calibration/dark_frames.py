@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import Master, MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 NOISY = 5.0
@@ -36,20 +35,6 @@ def bias_map(master: Master, good: np.ndarray) -> MeasuredMap:
     error = (max(variance + master.rounding, 0.0) / master.frames) ** 0.5
     number, number_error, spread = float(values.mean()), error / values.size**0.5, float(values.std())
     return MeasuredMap("bias", "ADU", master.mean, error, number, number_error, spread, master.frames)
-
-
-def noisy_pixels(master: Master) -> np.ndarray:
-    """Return the pixels whose noise is several times that of the pixels around them.
-
-    Parameters
-    ----------
-    master : Master
-
-    Returns
-    -------
-    noisy : (ny, nx) bool array
-    """
-    return master.variance > NOISY**2 * master.usual
 
 
 def read_noise_map(master: Master, good: np.ndarray, gain: float, gain_error: float = 0.0) -> MeasuredMap:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jitterkit.calibration.master import Master
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import Master, MeasuredMap
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 DEAD = 0.5
@@ -51,20 +50,6 @@ class Response:
     def sums(self) -> np.ndarray:
         """Light of each pixel in all frames together [ADU]."""
         return np.asarray(self._sum)
-
-    def dead_pixels(self, usable: np.ndarray, share: float = DEAD) -> np.ndarray:
-        """Return the pixels whose response is below a share of that of the pixels around.
-
-        Parameters
-        ----------
-        usable : (ny, nx) bool array
-        share : float
-
-        Returns
-        -------
-        dead : (ny, nx) bool array
-        """
-        return usable & (self.sums < share * surface(self.sums, usable))
 
     def map(
         self, good: np.ndarray, *, smooth: bool = False, bend: float = 1.0

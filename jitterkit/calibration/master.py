@@ -5,6 +5,9 @@ Reach for :func:`combine`.  A value is left out if it lies further from the midd
 cut tails by the noise of the noise, but off the pixels around it; only a pixel that is noisier than they
 are is measured by its own values, extremes left out.  So almost nothing is cut where there is nothing to
 cut, and what is cut is known.
+
+A :class:`MeasuredMap` is what is made of masters: a map with its error.  One number for all pixels may serve
+better.
 """
 
 from __future__ import annotations
@@ -146,7 +149,10 @@ def combine(
             strip = band[:, top : top + _TILE]
             at = slice(first + top, first + top + strip.shape[1])
             origin = (strip[0] - pedestal) / factors[0]
-            deviations = _deviations(strip, origin, factors, pedestal)
+            # of the first frame's values, so that single precision loses nothing
+            deviations = np.empty(strip.shape, dtype=np.float32)
+            for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
+                deviations[index] = (plane - pedestal) / factor - origin
             centre, scatter = _moments(deviations)
             usual[at] = _tiles(scatter, len(stack))
             _clip(deviations, centre, scatter, kept[at], usual[at], clip)
@@ -166,14 +172,6 @@ def kept_variance(clip: float, frames: int) -> float:
     """
     reach = clip / (1 - 1 / frames) ** 0.5
     return float(1 - 2 * reach * stats.norm.pdf(reach) / (1 - 2 * stats.norm.sf(reach)))
-
-
-def _deviations(strip: np.ndarray, origin: np.ndarray, factors: np.ndarray, pedestal: float) -> np.ndarray:
-    # of the first frame's values, so that single precision loses nothing
-    deviations = np.empty(strip.shape, dtype=np.float32)
-    for index, (plane, factor) in enumerate(zip(strip, factors, strict=True)):
-        deviations[index] = (plane - pedestal) / factor - origin
-    return deviations
 
 
 def _moments(deviations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +197,10 @@ def _clip(
     values = np.sort(deviations[:, suspects].astype(np.float64), axis=0)
     own = _own_variance(values)
     noise = np.where(own > _NOISY * usual[suspects], own, usual[suspects])
-    keep = np.abs(values - _middle(values)) <= clip * np.sqrt(noise)
+    # the mean of the middle half: as robust as the median, but no whole number
+    outer = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
+    middle = values[outer : len(values) - outer].mean(axis=0)
+    keep = np.abs(values - middle) <= clip * np.sqrt(noise)
     keep[: len(values) // 2] |= ~keep.any(axis=0)  # of two that differ, the lower: a ray only adds
     count = keep.sum(axis=0)
     mean = np.where(keep, values, 0.0).sum(axis=0) / count
@@ -231,12 +232,6 @@ def _own_variance(values: np.ndarray) -> np.ndarray:
     return core.var(axis=0, ddof=1) / share
 
 
-def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the mean of the middle half of sorted values: as robust as the median, but no whole number."""
-    left_out = len(values) // 4 if len(values) > 3 else (len(values) - 1) // 2
-    return values[left_out : len(values) - left_out].mean(axis=0)
-
-
 def _neighbours(deviations: np.ndarray) -> np.ndarray:
     """Sums of products of the noise with that of the next pixel, both ways, and of its squares."""
     squares = np.einsum("ijk,ijk->jk", deviations, deviations)
@@ -245,3 +240,58 @@ def _neighbours(deviations: np.ndarray) -> np.ndarray:
     across = np.vdot(quiet[:, :, 1:], quiet[:, :, :-1]) / max(quiet.shape[2] - 1, 1) * quiet.shape[2]
     along = np.vdot(quiet[:, 1:], quiet[:, :-1]) / max(quiet.shape[1] - 1, 1) * quiet.shape[1]
     return np.array([(across + along) / 2, np.vdot(quiet, quiet)])
+
+
+_MANY = 10_000
+"""Frames that nobody takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMap:
+    """A map with its error.
+
+    Parameters
+    ----------
+    name : str
+        As the detector calls it: ``"bias"``, ``"read_noise"``, ``"dark_current"``, ``"flat"``.
+    unit : str
+    values : (ny, nx) array
+    error : float
+        Standard error of a typical pixel.
+    number, number_error : float
+        That of all good pixels, and its standard error.
+    spread : float
+        Standard deviation over the good pixels.
+    frames : int
+        How many frames it was made of.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    error: float
+    number: float
+    number_error: float
+    spread: float
+    frames: int
+
+    @property
+    def true_spread(self) -> float:
+        """Return the spread less what the errors make of it; zero where they make all of it."""
+        return max(self.spread**2 - self.error**2, 0.0) ** 0.5
+
+    @property
+    def serves(self) -> bool:
+        """Return whether pixels differ by more than the map's error: else a number is nearer to the truth."""
+        return self.true_spread > self.error
+
+    def sentence(self) -> str:
+        """Say whether the frames were enough."""
+        unit = f" {self.unit}" if self.unit else ""
+        ratio = f"pixels differ by {self.true_spread:.3g}{unit}, a pixel is known to {self.error:.3g}{unit}"
+        conclusion = "the map serves" if self.serves else "one number serves better than the map"
+        more = ""
+        if 0 < self.true_spread <= self.error:
+            wanted = int(np.ceil(self.frames * (self.error / self.true_spread) ** 2 * 2))
+            more = f", until there are some {wanted} frames" if wanted < _MANY else ""
+        return f"{self.name.replace('_', ' ')} of {self.frames} frames: {ratio}; {conclusion}{more}."

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.calibration.calibration import FLAGS, Calibration
-from jitterkit.calibration.measured_map import MeasuredMap
+from jitterkit.calibration.master import MeasuredMap
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.frames.sidecar import toml_text

@@ -61,7 +61,7 @@ class Shot:
     warnings : tuple of str
         Of its file.
     settings : mapping
-        Cards of its header on the camera, by :func:`~jitterkit.calibration.stack_files.settings_of`.
+        Cards of its header on the camera: its settings, temperature and filter, those that it has.
     """
 
     name: str

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -139,11 +138,9 @@ def _check_nonlinearity(coefficients: Any, full_well: float | None) -> None:
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     turn = turning_point(coefficients)
     if turn <= full_well:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"nonlinearity = {list(coefficients)} stops rising at {turn:g} e-, below the full_well of "
-            f"{full_well:g} e-; give a law that rises up to it.",
-        )
+        well = f"below the full_well of {full_well:g} e-"
+        problem = f"nonlinearity = {list(coefficients)} stops rising at {turn:g} e-, {well}"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give a law that rises up to it.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +148,7 @@ class Characteristics:
     """The numbers that describe a detector; None where one is not known.
 
     A map is an array ``(ny, nx)`` over the whole detector; a pixel without a finite number counts as bad.
+    Maps of 32 bits stay, others become float64.
 
     Parameters
     ----------
@@ -226,22 +224,17 @@ class Characteristics:
 
     def __post_init__(self) -> None:
         check_detector(vars(self))
-        for name in FLOATS:
-            object.__setattr__(self, name, as_map(getattr(self, name)))
-        object.__setattr__(self, "bad_pixels", self._unusable())
+        bad = None if self.bad_pixels is None else np.asarray(self.bad_pixels, dtype=bool)
+        for name in (name for name in FLOATS if np.ndim(getattr(self, name))):
+            values = np.asarray(getattr(self, name))
+            values = values if values.dtype == np.float32 else values.astype(float)
+            object.__setattr__(self, name, values)
+            if (missing := ~np.isfinite(values)).any():  # such a pixel is bad, its number a harmless one
+                bad, median = missing if bad is None else bad | missing, self.nominal(name)
+                object.__setattr__(self, name, np.where(missing, median, values))  # type: ignore[arg-type]
+        object.__setattr__(self, "bad_pixels", bad)
         if self.nonlinearity is not None:
             object.__setattr__(self, "nonlinearity", tuple(float(c) for c in self.nonlinearity))
-
-    def _unusable(self) -> np.ndarray | None:
-        """The bad pixels, and those for which a map has no number; such a number is made a harmless one."""
-        bad = None if self.bad_pixels is None else np.asarray(self.bad_pixels, dtype=bool)
-        for name in FLOATS:
-            values = getattr(self, name)
-            if np.ndim(values) and not np.isfinite(values).all():
-                missing = ~np.isfinite(values)
-                bad = missing if bad is None else bad | missing
-                object.__setattr__(self, name, np.where(missing, self.nominal(name), values))
-        return bad
 
     def source(self, name: str) -> str:
         """Return where a number comes from; ``"argument Detector"`` where nothing else was said."""
@@ -249,16 +242,11 @@ class Characteristics:
 
     def nominal(self, name: str) -> float | None:
         """Return a number, or the median of a map where it is finite, by its name; None if it is unknown."""
-        values = getattr(self, name)
-        if values is None or name in self._nominals:
-            return self._nominals.get(name)
-        self._nominals[name] = float(np.median(np.asarray(values)[np.isfinite(values)]))
-        return self._nominals[name]
-
-    @cached_property
-    def _nominals(self) -> dict[str, float]:
-        """Medians once found: of 20 million pixels one takes longer than a frame."""
-        return {}
+        # kept once found: of 20 million pixels a median takes longer than a frame
+        values, known = getattr(self, name), vars(self).setdefault("_nominals", {})
+        if values is not None and name not in known:
+            known[name] = float(np.median(np.asarray(values)[np.isfinite(values)]))
+        return known.get(name)
 
     @property
     def largest(self) -> float:
@@ -274,15 +262,3 @@ MAPS = (*FLOATS, "bad_pixels")
 
 ONLY_MAPS = ("flat", "pixel_shift_x", "pixel_shift_y")
 """Of these, what must not be one number."""
-
-
-def as_map(values: Any) -> Any:
-    """Return a map as an array of floats (those of 32 bits stay), a number as one, None as None.
-
-    A number of a detector may be one for all pixels or a map ``(ny, nx)`` of the whole detector.
-    :func:`piece` takes what lies under a frame.
-    """
-    if values is None or np.ndim(values) == 0:
-        return values
-    array = np.asarray(values)
-    return array if array.dtype == np.float32 else array.astype(float)

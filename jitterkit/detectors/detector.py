@@ -2,7 +2,7 @@
 
 One object works in both directions.  :meth:`Detector.expose` makes numbers of an expected image, in the
 order nature does: photons arrive, the well fills, the amplifier adds noise, the converter rounds and
-runs out of bits (:mod:`jitterkit.detectors.readout`).  :meth:`Detector.calibrate` goes back, and says for
+runs out of bits (:mod:`jitterkit.detectors.reduction`).  :meth:`Detector.calibrate` goes back, and says for
 every pixel how far it is to be trusted (:mod:`jitterkit.detectors.reduction`).  A frame that knows its own
 gain or noise keeps it; :meth:`Detector.inform` lays the detector's numbers underneath, by the ranks of
 :mod:`jitterkit.frames.metadata`.
@@ -31,11 +31,10 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.detectors import reduction
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, ceiling, piece, supplement
-from jitterkit.detectors.readout import amplified, collected, digitised
-from jitterkit.detectors.reduction import disproved, flags, of_adu, of_electrons
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.frames.frame import Frame, RawFrame
 from jitterkit.frames.metadata import ROWS_ARE_COLUMNS, Metadata
@@ -128,11 +127,11 @@ class Detector(Characteristics):
         if raw.variance is not None:
             raw = with_read_variance(raw, metadata)
             metadata = self.inform(raw.metadata)
-        wrong, detector, is_adu = disproved(self, raw, metadata), self, raw.unit == "adu"
+        wrong, detector, is_adu = reduction.disproved(self, raw, metadata), self, raw.unit == "adu"
         if wrong:
             detector = replace(self, **wrong)
             metadata = detector.inform(raw.metadata)
-        counts = (of_adu if is_adu else of_electrons)(detector, raw, metadata)
+        counts = (reduction.of_adu if is_adu else reduction.of_electrons)(detector, raw, metadata)
         where = raw.name, raw.origin, raw.shape
         flat = 1.0 if self.flat is None else piece("flat", self.flat, *where)
         bad = counts.unknown | np.asarray(flat <= 0)
@@ -140,7 +139,7 @@ class Detector(Characteristics):
             bad = bad | np.asarray(piece("bad_pixels", self.bad_pixels, *where), dtype=bool)
         response = np.where(flat > 0, flat, 1.0) if is_adu and np.ndim(flat) else 1.0
         full = counts.full & ~raw.mask
-        said = flags(self, raw, metadata, bool(np.any(full)), bool(wrong))
+        said = reduction.flags(self, raw, metadata, bool(np.any(full)), bool(wrong))
         return Frame(
             electrons=counts.electrons / response,
             read_variance=np.asarray(counts.variance),
@@ -204,8 +203,8 @@ class Detector(Characteristics):
                 problem = f"{name} needs the exposure of the frame; give exposure, in s."
                 raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
-        charge = collected(self, expected, rng, exposure, origin)
-        return digitised(self, amplified(self, charge, rng, origin), origin)
+        charge = reduction.collected_charge(self, expected, rng, exposure, origin)
+        return reduction.digitised(self, reduction.amplified(self, charge, rng, origin), origin)
 
 
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"

@@ -138,7 +138,13 @@ def with_read_variance(raw: RawFrame, metadata: Metadata) -> RawFrame:
         return _without(raw, f"{source} is not used, as the read noise is given ({said.source})")
     if not good.any():
         return replace(raw, variance=None)
-    raw, signal, gain = _signal(raw, metadata)
+    signal, gain = raw.data, Sourced(1.0, "", "header")
+    if raw.unit != "electron":
+        bias, gain = metadata.bias, metadata.gain or Sourced(1.0, "e-/ADU", "assumed")
+        if bias is None or bias.source.startswith(GUESSED):
+            bias = Sourced(0.0, "ADU", "argument, as pixels with a variance are calibrated")
+            raw = replace(raw, metadata=raw.metadata.override(bias.source, bias=bias))
+        signal = raw.data - bias.value
     rise = _rise(signal, variance, good)
     if rise is not None and rise > 0 and gain.source.startswith(GUESSED):
         gain = Sourced(1 / rise, "e-/ADU", f"{source}, by its rise with the pixels")
@@ -211,17 +217,6 @@ def _of_quiet_tiles(noise: np.ndarray, steps: np.ndarray) -> tuple[float, float]
 
 def _without(raw: RawFrame, warning: str) -> RawFrame:
     return replace(raw, variance=None, metadata=raw.metadata.warn(warning))
-
-
-def _signal(raw: RawFrame, metadata: Metadata) -> tuple[RawFrame, np.ndarray, Sourced]:
-    """Return the frame, its pixels above the bias, and the gain that makes electrons of them."""
-    if raw.unit == "electron":
-        return raw, raw.data, Sourced(1.0, "", "header")
-    bias, gain = metadata.bias, metadata.gain
-    if bias is None or bias.source.startswith(GUESSED):
-        bias = Sourced(0.0, "ADU", "argument, as pixels with a variance are calibrated")
-        raw = replace(raw, metadata=raw.metadata.override(bias.source, bias=bias))
-    return raw, raw.data - bias.value, gain or Sourced(1.0, "e-/ADU", "assumed")
 
 
 def _rise(signal: np.ndarray, variance: np.ndarray, good: np.ndarray) -> float | None:

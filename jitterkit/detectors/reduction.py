@@ -1,8 +1,17 @@
-"""From the numbers of a file to electrons, with what is to be thought of each pixel.
+"""From the numbers of a file to electrons, with what is to be thought of each pixel; and from electrons back.
 
-The steps of :mod:`jitterkit.detectors.readout` backwards: bias, gain, non-linearity, coupling, dark
-current; and beside the counts their noise, the level at which they end and who is masked why.
+:func:`of_adu` takes bias, gain, non-linearity, coupling and dark current out of what was read, and says
+beside the counts their noise, the level at which they end and who is masked why.
 :meth:`jitterkit.detectors.Detector.calibrate` divides by the flat last.
+
+The other way is nature's, by :meth:`jitterkit.detectors.Detector.expose`.  Photons arrive by the flat and
+dark current joins them; all are counted (Poisson); cosmic rays hit; charge repels charge; the well clips;
+the read-out couples neighbours, is not linear, adds noise; the converter divides by the gain, adds the bias,
+rounds and clips.
+
+:func:`cosmic_rays` draws straight tracks of charge at a given rate.  Nothing here finds or removes them: a
+filter of the image that does also eats the tails of a jittered star.  :mod:`jitterkit.refit.outliers`
+finds them in what a fit leaves over.
 """
 
 from __future__ import annotations
@@ -13,20 +22,12 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.detectors import response
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import GUESSED
 from jitterkit.detectors.knowledge import ASSUMED, SAME, WELL_MARGIN, ceiling, own, piece
-from jitterkit.detectors.response import (
-    BORDER,
-    beside,
-    collected,
-    decouple,
-    decoupled_variance,
-    narrow,
-    slope,
-)
-from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import Metadata
+from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.frames import Metadata, RawFrame
 
 _ROUNDING = 1e-12
 """By this share a charge may miss the level of a full well and still be at it."""
@@ -52,7 +53,14 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
     """Return the counts of a frame in ADU, by the detector's numbers and the frame's."""
     gain, where = metadata.value("gain"), (raw.name, raw.origin, raw.shape)
     bias = piece("bias", own(detector, "bias", metadata), *where)
-    clips, well = _ends(detector, metadata)
+    # A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
+    # empty neighbour, so that it is looked for in the charge.
+    clips, well = metadata.value("saturation", math.inf), math.inf
+    ending, level = ceiling(detector, metadata)
+    if detector.full_well is not None and math.isclose(clips, level, rel_tol=SAME):  # nobody else's level
+        well = detector.full_well
+        if ending == "full_well":
+            clips = min(detector.largest, detector.saturation or math.inf)
     charge, steepness = _linear(detector, np.asarray((raw.data - bias) * gain))
     if raw.variance is None:
         noise = piece("read_noise", own(detector, "read_noise", metadata), *where)
@@ -64,22 +72,22 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
     if detector.coupling or detector.brighter_fatter:
         # what a pixel without a reading has given to its neighbours, or taken, is not known
         missing = raw.mask | clipped
-        unknown = beside(missing) & ~missing
+        unknown = response.beside(missing) & ~missing
     if detector.coupling:
-        charge = decouple(charge, detector.coupling)
-        variance = decoupled_variance(variance, detector.coupling)
+        charge = response.decouple(charge, detector.coupling)
+        variance = response.decoupled_variance(variance, detector.coupling)
     current = detector.dark_current
     current = 0.0 if current is None else piece("dark_current", current, *where)
     dark = current * metadata.value("exposure", 0.0)  # where nobody knows the exposure, a flag says so
     brim = well - np.minimum(WELL_MARGIN * np.sqrt(variance), well / 2)
     if detector.brighter_fatter:
-        well = min(well, BORDER / detector.brighter_fatter)
+        well = min(well, response.BORDER / detector.brighter_fatter)
         brim = np.minimum(brim, well)
     top = np.minimum(brim, _linear(detector, np.asarray((clips - bias) * gain))[0])
     full = clipped | (charge >= brim * (1 - _ROUNDING))
     if detector.brighter_fatter:
-        unknown |= beside(full) & ~full
-        charge = narrow(np.minimum(charge, well), detector.brighter_fatter)
+        unknown |= response.beside(full) & ~full
+        charge = response.narrow(np.minimum(charge, well), detector.brighter_fatter)
     return Counts(
         electrons=charge - dark,
         variance=variance + dark,
@@ -91,34 +99,24 @@ def of_adu(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Coun
 
 def of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> Counts:
     """Take electrons as they are: another program has calibrated them."""
-    level = _in_electrons(detector, metadata)
-    variance = raw.variance
+    # a header gives the saturation level in the unit of its own pixels
+    known, variance, level = metadata.saturation, raw.variance, math.inf
+    if known is not None and known.source.startswith(("header", "sidecar")):
+        level = float(known.value)
+    elif known is not None:
+        level = float(_linear(detector, (known.value - metadata.value("bias")) * metadata.value("gain"))[0])
     if variance is None:
         noise = own(detector, "read_noise", metadata)
         variance = np.square(piece("read_noise", noise, raw.name, raw.origin, raw.shape))
     return Counts(raw.data, variance, level, raw.data >= level, np.zeros(raw.shape, dtype=bool))
 
 
-def _ends(detector: Characteristics, metadata: Metadata) -> tuple[float, float]:
-    """Return the ADU from which readings are not to be trusted, and the charge of a full well, e-.
-
-    A well that is full is read rightly: with coupling it shows a lower reading than the well's, beside an
-    empty neighbour, so that it is looked for in the charge.
-    """
-    saturation = metadata.value("saturation", math.inf)
-    name, level = ceiling(detector, metadata)
-    if detector.full_well is None or not math.isclose(saturation, level, rel_tol=SAME):
-        return saturation, math.inf  # somebody else's level
-    others = min(detector.largest, detector.saturation or math.inf)
-    return (others if name == "full_well" else saturation), detector.full_well
-
-
 def _linear(detector: Characteristics, measured: np.ndarray) -> tuple[np.ndarray, Values]:
     """Charge of what was measured, and the slope of the law there."""
     if detector.nonlinearity is None or detector.full_well is None:
         return measured, 1.0
-    charge = collected(measured, detector.nonlinearity, detector.full_well)
-    return charge, slope(charge, detector.nonlinearity, detector.full_well)
+    charge = response.collected(measured, detector.nonlinearity, detector.full_well)
+    return charge, response.slope(charge, detector.nonlinearity, detector.full_well)
 
 
 def disproved(detector: Characteristics, raw: RawFrame, metadata: Metadata) -> dict[str, Any]:
@@ -152,11 +150,102 @@ def flags(
     return (*found, *(word for word, holds in conditions.items() if holds))
 
 
-def _in_electrons(detector: Characteristics, metadata: Metadata) -> float:
-    """Return the saturation level, e-; a header gives it in the unit of its own pixels."""
-    saturation = metadata.saturation
-    if saturation is None:
-        return math.inf
-    if saturation.source.startswith(("header", "sidecar")):
-        return float(saturation.value)
-    return float(_linear(detector, (saturation.value - metadata.value("bias")) * metadata.value("gain"))[0])
+DEPTH = 1.0
+"""Depth of the layer that collects charge, pixels: a few um in a thinned sensor whose pixels are as wide."""
+
+CHARGE = 200.0
+"""Charge along a track, e- per pixel: 80 e-/um of a fast particle in silicon, in pixels of 2.4 um."""
+
+_STEP = 0.1
+"""Pixels between the points in which a track is deposited."""
+
+
+def cosmic_rays(shape: tuple[int, int], rate: float, exposure: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw the charge that cosmic rays leave.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        ``(ny, nx)``.
+    rate : float
+        Hits per pixel and second.
+    exposure : float
+        s.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    charge : (ny, nx) array
+        e-.
+
+    Notes
+    -----
+    Particles come evenly from a hemisphere, so through a surface as the cosine from its normal: cos² is
+    uniform, a path of length ``l`` is longer than the depth by more than a factor ``k`` in ``1/k²`` of all
+    cases, and ``2 CHARGE DEPTH`` is deposited on average.  *Assumes* one charge per length (no
+    straggling) and that all enter through the frame.  *Fails* where the energy of single hits matters:
+    depth and charge per pixel are those of a small thinned pixel.
+    """
+    ny, nx = shape
+    charge = np.zeros(shape)
+    hits = rng.poisson(rate * exposure * ny * nx)
+    start = rng.uniform(-0.5, 0.5, (hits, 2)) * shape + (np.array(shape) - 1) / 2
+    cosine = np.sqrt(1 - rng.random(hits))  # never zero
+    azimuth = rng.uniform(0.0, 2 * np.pi, hits)
+    along = DEPTH * np.sqrt(1 - cosine**2) / cosine
+    for (y0, x0), cos, length, phi in zip(start, cosine, along, azimuth, strict=True):
+        seen = min(length, float(sum(shape)))
+        points = max(1, int(np.ceil(seen / _STEP)))
+        t = (np.arange(points) + 0.5) / points * seen
+        y = np.rint(y0 + t * np.sin(phi)).astype(int)
+        x = np.rint(x0 + t * np.cos(phi)).astype(int)
+        inside = (y >= 0) & (y < ny) & (x >= 0) & (x < nx)  # what passes the frame's edge is lost
+        share = CHARGE * DEPTH / cos * (seen / length if length else 1.0) / points
+        np.add.at(charge, (y[inside], x[inside]), share)
+    return charge
+
+
+_NAME = "the expected image"
+
+
+def collected_charge(detector, expected, rng, exposure, origin) -> np.ndarray:
+    """Return what the wells hold, e-."""
+    if detector.flat is not None:
+        expected = expected * piece("flat", detector.flat, _NAME, origin, expected.shape)
+    if detector.dark_current is not None:
+        dark = piece("dark_current", detector.dark_current, _NAME, origin, expected.shape)
+        expected = expected + dark * (exposure or 0.0)
+    charge = expected if rng is None else rng.poisson(expected).astype(float)
+    if rng is not None and detector.cosmic_rays:
+        charge = charge + cosmic_rays(charge.shape, detector.cosmic_rays, exposure, rng)
+    well = np.inf if detector.full_well is None else detector.full_well
+    held = np.minimum(charge, well)
+    if not detector.brighter_fatter:
+        return held
+    if held.max(initial=0.0) * detector.brighter_fatter >= response.BORDER:
+        problem = f"brighter_fatter = {detector.brighter_fatter:g} is too large for a pixel of"
+        remedy = "give a smaller one, or a full_well"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem} {held.max():g} e-; {remedy}.")
+    return np.where(held < well, np.minimum(response.broaden(held, detector.brighter_fatter), well), well)
+
+
+def amplified(detector, charge, rng, origin) -> np.ndarray:
+    """Return what reaches the converter, e-."""
+    if detector.coupling:
+        charge = response.couple(charge, detector.coupling)
+    if detector.nonlinearity is not None:
+        charge = response.measured(charge, detector.nonlinearity, detector.full_well)
+    if rng is None or detector.read_noise is None:
+        return charge
+    noise = piece("read_noise", detector.read_noise, _NAME, origin, charge.shape)
+    return charge + rng.normal(0.0, noise, charge.shape) if np.any(noise) else charge
+
+
+def digitised(detector, level, origin) -> np.ndarray:
+    """Return what the file holds, ADU."""
+    bias = 0.0 if detector.bias is None else piece("bias", detector.bias, _NAME, origin, level.shape)
+    rounded = np.rint(bias + level / (detector.gain or ASSUMED["gain"]))
+    if detector.bits is None:
+        holds = np.abs(rounded).max(initial=0.0) <= np.iinfo(np.int32).max
+        return rounded.astype(np.int32 if holds else np.int64)
+    return np.clip(rounded, 0, detector.largest).astype(np.uint16 if detector.bits <= 16 else np.uint32)

@@ -6,18 +6,16 @@ points of light have drawn lines for :func:`estimate_trail`; for the motion betw
 for :func:`register`.  All of them would rather refuse (:class:`~jitterkit.errors.UndeterminedError`)
 than guess.
 
-To add a blind method, write one file with one function and add one line to the registry;
+To add a blind method, write one function and add one line to the registry;
 ``tests/extended/test_contract.py`` then holds it to the laws.
 """
 
 from collections.abc import Callable
 
-from jitterkit.extended.autocorrelation import estimate_autocorrelation
 from jitterkit.extended.blind import estimate_blind
-from jitterkit.extended.cepstrum import estimate_cepstrum
-from jitterkit.extended.radon import estimate_radon
 from jitterkit.extended.reference import estimate_from_reference
 from jitterkit.extended.registration import Drift, drifts, register
+from jitterkit.extended.textbook import estimate_autocorrelation, estimate_cepstrum, estimate_radon
 from jitterkit.extended.trail import Trail, estimate_trail, find_trails
 from jitterkit.kernel_estimate import KernelEstimate
 

@@ -7,27 +7,19 @@ of the nulls, which knows how the spectrum falls and no more.  What remains is m
 ``(L, angle)`` from the peaks of the cepstrum's comb.  Then the question is asked whether the answer
 explains the image: the nulls must be as deep as the model says, and not merely the best of bad ones.
 
-This is the one to reach for.  :mod:`~jitterkit.extended.cepstrum`,
-:mod:`~jitterkit.extended.radon` and :mod:`~jitterkit.extended.autocorrelation` are the textbook's.
+This is the one to reach for.  Those of :mod:`~jitterkit.extended.textbook` are for comparison.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.cepstrum import comb_peaks, longest
-from jitterkit.extended.spectrum import (
-    PowerSpectrum,
-    apart,
-    power_spectrum,
-    smoothed,
-    streak_estimate,
-    transfer_squared,
-)
+from jitterkit.extended.spectrum import PowerSpectrum, apart, power_spectrum, smoothed, streak_estimate
+from jitterkit.extended.textbook import comb_peaks, longest
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.vision import box_mean
 
@@ -108,16 +100,6 @@ def estimate_blind(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     return streak_estimate(best.length, best.angle, "blind", _errors(spectrum, best), plate_scale)
 
 
-def _rival(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> _Streak | None:
-    """Return the most likely streak that differs from the best, refined like it; None if there is none."""
-    for streak in sorted(found, key=lambda streak: -streak.value):
-        if _is_another(streak, best):
-            end = _refined(spectrum, streak)
-            if end.length < limit and _is_another(end, best):
-                return end
-    return None
-
-
 def _is_another(streak: _Streak, best: _Streak) -> bool:
     return bool(apart(streak.length, streak.angle, best.length, best.angle) > _APART)
 
@@ -129,48 +111,39 @@ def _refined(spectrum: PowerSpectrum, streak: _Streak) -> _Streak:
 def _check(spectrum: PowerSpectrum, best: _Streak, found: list[_Streak], limit: float) -> None:
     """Refuse what is too short or too long, what the image's nulls do not bear out, and what has a rival."""
     if best.length > limit:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The image shows no streak's nulls: the best candidate grows to {best.length:.0f} pixels, and "
-            f"no more than {limit:.0f} can be measured.",
-        )
+        grown = f"the best candidate grows to {best.length:.0f} pixels"
+        problem = f"The image shows no streak's nulls: {grown}, and no more than {limit:.0f} can be measured."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
     if best.length < _GATE:
-        raise UndeterminedError(
-            ErrorCode.NOT_CONSTRAINED,
-            f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls from the "
-            f"scene's own (it takes {_GATE:g}).",
-        )
+        problem = f"The blur, some {best.length:.2f} pixels long, is too small to distinguish its nulls"
+        message = f"{problem} from the scene's own (it takes {_GATE:g})."
+        raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, message)
+    # what a streak gains over itself turned by 90 degrees, and what it would gain where the model is true
     gain = best.value - _likelihood(spectrum, best.length, best.angle + 90)
-    agreement = gain / _true_gain(spectrum, best)
-    if agreement < _LEAST_AGREEMENT:
-        raise UndeterminedError(
-            ErrorCode.MODEL_MISMATCH,
-            f"The nulls of the best streak ({best.length:.1f} pixels at {best.angle:.0f} degrees) explain "
-            f"only {max(agreement, 0):.0%} of what they should: the image is not blurred by a uniform "
-            "streak.",
-        )
-    rival = _rival(spectrum, best, found, limit)
-    if rival is not None and best.value - rival.value < _RIVAL * gain:
-        raise UndeterminedError(
-            ErrorCode.AMBIGUOUS,
-            f"Two streaks explain the image's nulls alike: {best.length:.1f} pixels at {best.angle:.0f} "
-            f"degrees and {rival.length:.1f} at {rival.angle:.0f}.",
-        )
-
-
-def _true_gain(spectrum: PowerSpectrum, best: _Streak) -> float:
-    """Return what a streak gains over itself turned by 90 degrees where the model is true."""
     mean = _expected_power(spectrum, best.length, best.angle)
-    ideal = PowerSpectrum(
-        mean * np.exp(-_LOG_MEAN), mean, spectrum.weight, spectrum.fx, spectrum.fy, spectrum.noise
-    )
+    ideal = replace(spectrum, power=mean * np.exp(-_LOG_MEAN), local=mean)
     along, across = (_likelihood(ideal, best.length, best.angle + turn) for turn in (0, 90))
-    return along - across
+    agreement = gain / (along - across)
+    if agreement < _LEAST_AGREEMENT:
+        nulls = f"The nulls of the best streak ({best.length:.1f} pixels at {best.angle:.0f} degrees)"
+        problem = f"{nulls} explain only {max(agreement, 0):.0%} of what they should"
+        message = f"{problem}: the image is not blurred by a uniform streak."
+        raise UndeterminedError(ErrorCode.MODEL_MISMATCH, message)
+    # the most likely streak that differs from the best, refined like it
+    others = sorted((s for s in found if _is_another(s, best)), key=lambda streak: -streak.value)
+    ends = (_refined(spectrum, streak) for streak in others)
+    rival = next((end for end in ends if end.length < limit and _is_another(end, best)), None)
+    if rival is not None and best.value - rival.value < _RIVAL * gain:
+        both = f"{best.length:.1f} pixels at {best.angle:.0f} degrees and {rival.length:.1f} at"
+        problem = f"Two streaks explain the image's nulls alike: {both} {rival.angle:.0f}."
+        raise UndeterminedError(ErrorCode.AMBIGUOUS, problem)
 
 
 def _expected_power(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
     """Return the mean power (ny, nx) with the nulls of a streak, the scene's spectrum following the data."""
-    nulls = _seen_through_window(transfer_squared(spectrum, length, angle))
+    x, y = length * np.cos(np.radians(angle)), length * np.sin(np.radians(angle))
+    transfer = np.sinc(np.float32(x) * spectrum.fx + np.float32(y) * spectrum.fy)
+    nulls = _seen_through_window(transfer**2)
     scale, weight, noise = max(length, _WIDEST), spectrum.weight, np.float32(spectrum.noise)
     share = np.maximum(smoothed(weight, spectrum.shape, scale), 1e-4)
     logarithm = np.log(spectrum.power + np.float32(0.05) * noise)

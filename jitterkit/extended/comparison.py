@@ -7,6 +7,7 @@ noise of the sharp frame is blurred too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -16,8 +17,13 @@ from scipy.optimize import least_squares
 from scipy.signal.windows import hann
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.extended.blurs import Transfer
 from jitterkit.vision import box_mean
+
+Slopes = Callable[[], list[np.ndarray]]
+"""Computes the derivatives of a transfer function by its parameters."""
+
+Transfer = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, Slopes]]
+"""The transfer function of parameters at frequencies (x, y) [cycles/pixel], and its derivatives."""
 
 _BAND = 0.45
 """Cycles/pixel; beyond, frames alias."""
@@ -64,7 +70,7 @@ class Fit:
     Attributes
     ----------
     transfer : function
-        One of :mod:`jitterkit.extended.blurs`.
+        One of those in :mod:`jitterkit.extended.blur_fit`.
     p : (k,) array
         ``(log gain, x, y, *q)``: the shift [pixels], and the parameters ``q`` of the transfer function.
     covariance : (k, k) array
@@ -100,9 +106,8 @@ class Comparison:
         cut = tuple(slice(_fast_length(n)) for n in one.shape)
         one, two = one[cut], two[cut]
         self.one, self.two = one - one.mean(), two - two.mean()
-        self._fy, self._fx = np.meshgrid(
-            *(f(n) for f, n in zip(_GRIDS, one.shape, strict=True)), indexing="ij"
-        )
+        axes = (f(n) for f, n in zip(_GRIDS, one.shape, strict=True))
+        self._fy, self._fx = np.meshgrid(*axes, indexing="ij")
         self._spectrum = fft.rfft2(self.one)
         window = np.outer(*(hann(n + 2)[1:-1] for n in one.shape))
         self._pair = [self._transform(frame, window) for frame in (one, two)]
@@ -113,11 +118,9 @@ class Comparison:
         self.noise, self._most = noise or (min(first, second), second), None if noise else (first, second)
         # chosen by the power of a wide neighbourhood: by its own, a frequency would be chosen for its noise
         near = max(_NEAR, min(one.shape) // 12 // 2 * 2 + 1)
-        self._band = (
-            (radius > 0) & (radius < _BAND) & (box_mean(powers[0], near) > _ABOVE_NOISE * self.noise[0])
-        )
-        stripes = ndimage.binary_dilation(striped(powers[0], radius), np.ones((3, 3)))
-        self._band &= ~(stripes & (radius > _STRIPES))
+        above_noise = box_mean(powers[0], near) > _ABOVE_NOISE * self.noise[0]
+        stripes = ndimage.binary_dilation(striped(powers[0], radius), np.ones((3, 3))) & (radius > _STRIPES)
+        self._band = (radius > 0) & (radius < _BAND) & above_noise & ~stripes
         self.frequencies = int(self._band.sum())
         self._rounding = _ROUNDING * float(powers[1].mean())
 
@@ -230,12 +233,8 @@ class Comparison:
         (blur, slopes), moved = transfer(p[3:], self._fx, self._fy), self._moved(p)
         by_q, turn = slopes(), -2j * np.pi * blur * moved
         columns = [blur * moved, self._fx * turn, self._fy * turn, *(slope * moved for slope in by_q)]
-        return columns, [
-            self._gain(transfer, p),
-            0.0,
-            0.0,
-            *(np.exp(p[0]) * slope[self._band] for slope in by_q),
-        ]
+        of_q = (np.exp(p[0]) * slope[self._band] for slope in by_q)
+        return columns, [self._gain(transfer, p), 0.0, 0.0, *of_q]
 
     def _image(self, response: np.ndarray) -> np.ndarray:
         return fft.irfft2(self._spectrum * response, self.one.shape)

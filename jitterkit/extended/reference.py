@@ -12,14 +12,11 @@ import numpy as np
 
 from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
-from jitterkit.extended import blurs
-from jitterkit.extended.blur_fit import Blur, fit_blur
+from jitterkit.extended.blur_fit import Blur, fit_blur, normal, streak, vibration
 from jitterkit.extended.comparison import Comparison, Fit
-from jitterkit.extended.registration import align
-from jitterkit.extended.standing import fill, standing_pixels
+from jitterkit.extended.registration import align, fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
-from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear
-from jitterkit.loci.base import axis_variances, covariance_on_axis
+from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear, axis_variances, covariance_on_axis
 
 _TOLERATED = 0.03
 """Share of the blur's larger variance that may be missing across it: a normal fitted to a streak on sharp
@@ -97,7 +94,11 @@ def estimate_from_reference(
     # of a streak across the sharp frame's own blur the normal tells, though the streak may fit better
     refuse_blurrier(blur.normal.p[3:], blur.normal.covariance[3:, 3:], tolerated=_TOLERATED)
     moments, covariance = _moments(blur.best)
-    covariance = covariance + _error_of_kind(blur)
+    # by which the kind of the blur may be wrong
+    other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
+    misfit = _MISFIT**2 * blur.excess * (moments[0] + moments[2]) ** 2
+    of_kind = blur.odds * np.outer(other, other) + misfit * np.diag([1.0, 0.5, 1.0])  # alike along all axes
+    covariance = covariance + of_kind
     _refuse_other_differences(blur, frames)
     return KernelEstimate(
         moments * plate_scale**2,
@@ -138,17 +139,9 @@ def _reverse(blur: Blur, frames: Comparison) -> float | None:
     return major if is_wider and reverse.left <= _LEFT else None
 
 
-def _error_of_kind(blur: Blur) -> np.ndarray:
-    """Return the covariance (3, 3) of the moments [pixel⁴] by which the kind of the blur may be wrong."""
-    moments = _moments(blur.best)[0]
-    other = np.zeros(3) if blur.rival is None else _moments(blur.rival)[0] - moments
-    misfit = _MISFIT**2 * blur.excess * (moments[0] + moments[2]) ** 2
-    return blur.odds * np.outer(other, other) + misfit * np.diag([1.0, 0.5, 1.0])  # the same along all axes
-
-
 def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the moments (3,) of a blur [pixel²], and their covariance (3, 3)."""
-    if fit.transfer is not blurs.streak:
+    if fit.transfer is not streak:
         return fit.p[3:6], fit.covariance[3:6, 3:6]
     x, y = fit.p[3:]
     slopes = np.array([[2 * x, y, 0], [0, x, 2 * y]]) / 12
@@ -160,13 +153,13 @@ def _moments(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 def _length_error(blur: Blur) -> float:
     """Return the standard error of the length of what is straight in a blur [pixels]; NaN of a normal."""
     fit, rival = blur.best, blur.rival
-    if fit.transfer is blurs.normal:
+    if fit.transfer is normal:
         return float("nan")
     length = max(np.hypot(*fit.p[-2:]), 1e-12)
     axis = fit.p[-2:] / length
     of_noise = np.sqrt(axis @ fit.covariance[-2:, -2:] @ axis)
     other = 0.0
-    if rival is not None and rival.transfer is not blurs.normal:
+    if rival is not None and rival.transfer is not normal:
         other = float(np.hypot(*rival.p[-2:])) - length
     return float(np.sqrt(of_noise**2 + blur.odds * other**2 + _MISFIT**2 * blur.excess * length**2))
 
@@ -174,11 +167,11 @@ def _length_error(blur: Blur) -> float:
 def _locus(fit: Fit, plate_scale: float) -> Locus:
     """Return the locus of a blur, arcsec."""
     moments = _moments(fit)[0] * plate_scale**2
-    if fit.transfer is blurs.normal:
+    if fit.transfer is normal:
         return Mvn.near(moments)
-    kind, (x, y) = Shm if fit.transfer is blurs.vibration else Linear, fit.p[-2:] * plate_scale
+    kind, (x, y) = Shm if fit.transfer is vibration else Linear, fit.p[-2:] * plate_scale
     line = kind.of(float(np.hypot(x, y)), axis_angle(np.degrees(np.arctan2(y, x))))
-    if fit.transfer is blurs.streak:
+    if fit.transfer is streak:
         return line
     rest = Mvn.near(moments - kind.variance * np.array([x * x, x * y, y * y]))
     return Smear(line, rest) if isinstance(line, Linear) else Product(line, rest)

@@ -4,8 +4,7 @@ A picture's spectrum falls by six decades from the middle to the corner and its 
 blur adds are nulls.  Here is what all blind methods start from: :func:`power_spectrum`, and
 :func:`whitened`, its logarithm with the scene's smooth fall taken away and the noise weighted down.
 They end with :func:`streak_estimate`, by which a length and an angle become a :class:`KernelEstimate`;
-:func:`transfer_squared` is the pattern of nulls that all of them look for, and :func:`apart` the distance
-between two streaks.
+:func:`apart` is the distance between two streaks.
 """
 
 from __future__ import annotations
@@ -102,11 +101,9 @@ def power_spectrum(image: np.ndarray) -> PowerSpectrum:
     inside = (radius > _LEAST_RADIUS) & (radius < 0.5)
     weight = np.clip(1 - 1.5 * noise / local, 0, 1) * inside
     if weight.mean() < _LEAST_SHARE:
-        raise UndeterminedError(
-            ErrorCode.NO_SIGNAL,
-            f"Too few frequencies of the image rise above white noise (a share of {weight.mean():.3f}, less "
-            f"than {_LEAST_SHARE:g}): it shows no scene.",
-        )
+        share = f"a share of {weight.mean():.3f}, less than {_LEAST_SHARE:g}"
+        problem = f"Too few frequencies of the image rise above white noise ({share}): it shows no scene."
+        raise UndeterminedError(ErrorCode.NO_SIGNAL, problem)
     return PowerSpectrum(power, local, weight.astype(np.float32), fx[None], fy[:, None], noise)
 
 
@@ -174,12 +171,6 @@ def streak_estimate(
     covariance += np.eye(3) * ((along**2 + across**2) / 12) ** 2
     locus = Linear.of(length * plate_scale, axis_angle(angle))
     return KernelEstimate(np.asarray(locus.moments()), covariance * plate_scale**4, method, locus=locus)
-
-
-def transfer_squared(spectrum: PowerSpectrum, length: float, angle: float) -> np.ndarray:
-    """Squared transfer function (ny, nx) of a streak of ``length`` pixels."""
-    x, y = length * np.cos(np.radians(angle)), length * np.sin(np.radians(angle))
-    return np.sinc(np.float32(x) * spectrum.fx + np.float32(y) * spectrum.fy) ** 2
 
 
 def apart(length, angle, other_length, other_angle):

@@ -88,19 +88,20 @@ def estimate_trail(image: np.ndarray, *, plate_scale: float = 1.0) -> KernelEsti
     if not trails:
         problem = f"The image shows no trail of {_GATE:g} pixels or more away from its borders."
         raise UndeterminedError(ErrorCode.NOT_CONSTRAINED, problem)
-    near = np.array(
-        [
-            [apart(a.length, a.angle, b.length, b.angle) < max(1.0, _TOLERANCE * a.length) for b in trails]
-            for a in trails
-        ]
-    )
+    length, angle = np.array([(trail.length, trail.angle) for trail in trails]).T
+    ends = apart(length[:, None], angle[:, None], length, angle)
+    near = ends < np.maximum(1.0, _TOLERANCE * length)[:, None]
     most = near.sum(axis=1)
     if 2 * most.max() <= len(trails):
         alike = f"those of one length and angle are {most.max()} at most"
         raise UndeterminedError(ErrorCode.AMBIGUOUS, f"The image's {len(trails)} trails disagree: {alike}.")
-    return _mean(
-        [trail for trail, agrees in zip(trails, near[most.argmax()], strict=True) if agrees], plate_scale
-    )
+    alike_trails = [trail for trail, agrees in zip(trails, near[most.argmax()], strict=True) if agrees]
+    first = alike_trails[0]
+    turn = [np.radians((t.angle - first.angle + 90) % 180 - 90) * t.length for t in alike_trails]
+    mean, along = _weighted([t.length for t in alike_trails], [t.along for t in alike_trails])
+    off, across = _weighted(turn, [t.across for t in alike_trails])
+    axis = first.angle + float(np.degrees(off / mean))
+    return streak_estimate(mean, axis, "trail", (along, across), plate_scale)
 
 
 def find_trails(image: np.ndarray) -> list[Trail]:
@@ -156,20 +157,8 @@ def _measure(pixels: np.ndarray, chosen: np.ndarray, noise: float, left: int, lo
     )
 
 
-def _mean(trails: list[Trail], plate_scale: float) -> KernelEstimate:
-    """Return the weighted mean; errors grow where the trails scatter more than they should."""
-    first = trails[0]
-    length = [t.length for t in trails]
-    turn = [np.radians((t.angle - first.angle + 90) % 180 - 90) * t.length for t in trails]
-    (mean, along), (off, across) = (
-        _weighted(length, [t.along for t in trails]),
-        _weighted(turn, [t.across for t in trails]),
-    )
-    angle = first.angle + float(np.degrees(off / mean))
-    return streak_estimate(mean, angle, "trail", (along, across), plate_scale)
-
-
 def _weighted(values: list[float], errors: list[float]) -> tuple[float, float]:
+    """Return the weighted mean and its error, which grows where values scatter more than they should."""
     value, weight = np.asarray(values), 1 / np.square(errors)
     mean = float(weight @ value / weight.sum())
     scatter = weight @ (value - mean) ** 2 / max(len(value) - 1, 1)

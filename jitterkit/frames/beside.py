@@ -161,7 +161,7 @@ def rows_from_the_top(cards: Cards) -> bool:
     """Return whether the first stored row is the top one (``ROWORDER``); warn of an order that is neither."""
     order = cards.text("ROWORDER").upper()
     if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
-        cards.warnings.append(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
+        cards.warn(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
     return order in _FROM_TOP
 
 

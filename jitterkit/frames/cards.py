@@ -73,6 +73,11 @@ class Number:
         return f"{self.unit} {self.comment}".strip()
 
     @property
+    def said(self) -> str:
+        """Return ``"EXPTIME = 30"``."""
+        return f"{self.key} = {self.value:g}"
+
+    @property
     def positive(self) -> bool:
         """Return whether it is positive and finite."""
         return 0 < self.value < math.inf
@@ -94,7 +99,12 @@ class Cards:
     names : dict of str to None
         All keywords, each once, in the order of the headers.
     warnings : list of str
+    aside : Cards
+        The same cards for numbers that are only compared and not used: nobody reads their warnings.
     """
+
+    aside: Cards
+    warnings: list[str]
 
     def __init__(
         self, header: Mapping[str, Any], hdu: int = 0, inherit: Mapping[str, Any] | None = None
@@ -102,14 +112,13 @@ class Cards:
         self.layers = [(header, hdu), *([] if inherit is None else [(inherit, 0)])]
         listed = (getattr(header, "names", header) for header, _ in self.layers)
         self.names = dict.fromkeys(key for names in listed for key in names)
-        self.warnings: list[str] = []
+        self.aside = copy.copy(self)
+        self.warnings, self.aside.warnings = [], []
+        self.aside.aside = self.aside
 
-    @cached_property
-    def aside(self) -> Cards:
-        """The same cards for numbers that are only compared and not used: nobody reads their warnings."""
-        other = copy.copy(self)
-        other.warnings = []
-        return other
+    def warn(self, text: str) -> None:
+        """Add a warning, each once."""
+        self.warnings += [text] * (text not in self.warnings)
 
     def find(self, key: str) -> tuple[Any, str, str] | None:
         """Return ``(value, comment, source)`` of a keyword, or None."""
@@ -147,11 +156,10 @@ class Cards:
         value, comment, source = card
         number = parse_number(value)
         if number is None:
-            self.warnings.append(f"{key} = {value!r} is not a number and is ignored")
+            self.warn(f"{key} = {value!r} is not a number and is ignored")
             return None
         if isinstance(value, str) and _PERHAPS_A_LIST.match(value):
-            said = f"{key} = {value!r} is read as {number[0]:g}: if it is a list, give its number"
-            self.warnings += [said] * (said not in self.warnings)
+            self.warn(f"{key} = {value!r} is read as {number[0]:g}: if it is a list, give its number")
         return Number(*number, comment, source, key)
 
     def quantity(self, name: str, key: str) -> Number | None:
@@ -159,23 +167,32 @@ class Cards:
         number = self.number(key)
         if number is None:
             return None
-        said = f"{key} = {number.value:g}"
         if not number.unit:  # EXPUNIT is that of EXPTIME
             beside = [f"{key[:3]}UNIT", f"{key[:3]}_UNIT", f"{key[:4]}UNIT", f"{key[:7]}U", f"{key[:3]}UNITS"]
             number = replace(number, unit=next(filter(None, map(self.text, beside)), ""))
         if name not in _TIMES and re.match(r"[-+\d. ]+/\s*\d", self.text(key)):
-            self.warnings.append(f"{key} = {self.text(key)!r} is not a number and is ignored")
+            self.warn(f"{key} = {self.text(key)!r} is not a number and is ignored")
             return None
         other = other_number(name, number.words)
-        if other is not None and not _repeats(other, number):
-            self.warnings.append(
-                f"{said} means something else ({other!r} in {number.words!r}) and is ignored"
-            )
+        again = None if other is None else parse_number(other)  # 0.01667 is 1/60
+        if other is not None and not (again and math.isclose(again[0], number.value, rel_tol=0.01)):
+            self.warn(f"{number.said} means something else ({other!r} in {number.words!r}) and is ignored")
             return None
-        meaning = self._meaning(name, number)
+        meaning: float | str | None = ""
+        if name != "gain":  # which has rules of its own
+            unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
+            times = self.text("TIMEUNIT") if unit is None and name == "exposure" else ""
+            meaning = factor(name, unit or times) if unit or times else ""
+            # TIMEUNIT is of the times that FITS 4.0 defines, and may be meant of others
+            if (times and key != "XPOSURE" and meaning != 1) or (
+                unit is None and name == "saturation" and _BARE_WELL.search(number.comment)
+            ):
+                meaning = None
+            if not (unit or times) and key == "SCALE":
+                self.warn(f"{number.said} has no unit and is taken as arcsec/pixel")
         if meaning is None:
             words = number.words or f"TIMEUNIT = {self.text('TIMEUNIT')!r}"
-            self.warnings.append(f"{said} has a unit that is not read ({words}) and is ignored")
+            self.warn(f"{number.said} has a unit that is not read ({words}) and is ignored")
             return None
         if isinstance(meaning, str):
             return replace(number, counted=meaning)
@@ -188,27 +205,12 @@ class Cards:
         if number is None or problem is None:
             return number
         if (key, number.value) != ("EGAIN", 0):  # so programs write that they do not know it
-            self.warnings.append(f"{key} = {number.value:g} {problem} and is ignored")
+            self.warn(f"{key} = {number.value:g} {problem} and is ignored")
         return None
 
     def believed(self, name: str) -> Iterator[Number]:
         """Yield the believable numbers of a quantity, the most authoritative first."""
         return filter(None, (self.believable(name, key) for key in self.keywords(name)))
-
-    def _meaning(self, name: str, number: Number) -> float | str | None:
-        """Return what :func:`factor` says of the unit of a number; the empty text where it has none."""
-        if name == "gain":  # has rules of its own
-            return ""
-        unit = number.unit or stated_unit(name, number.comment, _DEFAULTS.get(name, 1.0))
-        if unit is None and name == "exposure" and (times := self.text("TIMEUNIT")):
-            if number.key != "XPOSURE" and factor(name, times) != 1:
-                return None  # TIMEUNIT is of the times that FITS 4.0 defines, and may be meant of others
-            unit = times
-        if unit is None and name == "saturation" and _BARE_WELL.search(number.comment):
-            return None
-        if not unit and number.key == "SCALE":
-            self.warnings.append(f"SCALE = {number.value:g} has no unit and is taken as arcsec/pixel")
-        return factor(name, unit) if unit else ""
 
     def _mean(self, name: str, keys: tuple[str, ...]) -> Number | None:
         """Mean over the amplifiers that read the image."""
@@ -221,7 +223,7 @@ class Cards:
         mean = math.fsum(values) / len(values)
         if max(values) - min(values) > 0.01 * abs(mean):
             shown = f"{numbers[0].key} to {numbers[-1].key} = {min(values):g} to {max(values):g}"
-            self.warnings.append(f"the amplifiers differ ({shown}); their mean is taken")
+            self.warn(f"the amplifiers differ ({shown}); their mean is taken")
         first = numbers[0]
         return replace(
             first,
@@ -237,17 +239,9 @@ class Cards:
         if name in _AGREEMENT and number.key not in self.dialect.keywords.get(name, ()):
             for other in self.aside.believed(name):
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
-                    found = f"{other.key} = {other.value:g} {QUANTITIES[name].unit}"
-                    self.warnings.append(
-                        f"{number.key} = {number.value:g} is used, and {found} contradicts it"
-                    )
+                    found = f"{other.said} {QUANTITIES[name].unit}"
+                    self.warn(f"{number.said} is used, and {found} contradicts it")
         return Sourced(number.value, QUANTITIES[name].unit, number.source)
-
-
-def _repeats(text: str, number: Number) -> bool:
-    """Return whether words of a comment say the same number again: 0.01667 is 1/60."""
-    again = parse_number(text)
-    return again is not None and math.isclose(again[0], number.value, rel_tol=0.01)
 
 
 def parse_number(value: object) -> tuple[float, str] | None:

@@ -30,7 +30,30 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
     warnings : list of str
         Empty for a plain exposure.
     """
-    return [*_combined(cards), *_elapsed(cards, known), *_reduced(cards, known), *_unread(cards, known)]
+    warnings, said = [*_combined(cards), *_elapsed(cards, known)], reduced_by(cards, "bias")
+    if said and known.value("bias"):
+        found = f"the bias of {known.value('bias'):g} ADU is used"
+        warnings.append(f"{found}, and {said} says that it was subtracted: if so, give --bias 0")
+    said = reduced_by(cards, "gain")
+    if said and known.value("unit", "adu") in ("adu", "adu/s"):
+        found = f"{said} says that the gain was applied"
+        warnings.append(f"the pixels are taken as ADU, and {found}: they may be electrons")
+    noise = known.read_noise
+    key = "" if noise is None else noise.source.removeprefix("header ").partition(" (")[0]
+    of_one = _ONE_READ.search((cards.find(key) or ("", ""))[1])
+    reads = next(filter(None, (cards.number(name) for name in _READS)), None)
+    if of_one and (reads is None or reads.value > 1):
+        found = f"{key} is the noise of one read by its comment ({of_one[0]!r})"
+        warnings.append(f"{found}: if the exposure has several, give --read-noise")
+    calibrated = known.value("unit") in ("electron", "electron/s")
+    needless = ("gain", "saturation", "bias") if calibrated else ("bias",) if known.bias is not None else ()
+    for name in (name for name in _ALIKE if not known.value(name) and name not in needless):
+        read = {key for each in cards.keywords(name) for key in ((each,) if isinstance(each, str) else each)}
+        alike = (key for key in cards.names if key not in read and _ALIKE[name].fullmatch(key))
+        if (unread := next((key for key in alike if _is_stated(cards, key)), None)) is not None:
+            option = f"--{name.replace('_', '-')}"
+            warnings.append(f"{unread} = {cards.text(unread)} is not read: give {option} if it is needed")
+    return warnings
 
 
 _COMBINED = re.compile(
@@ -115,12 +138,12 @@ def _elapsed(cards: Cards, known: Metadata) -> list[str]:
         other = cards.quantity("exposure", key) if longer or _PARTS.fullmatch(key) else None
         ratio = other.value / exposure.value if other and other.positive and exposure.value else 1.0
         if other is not None and (ratio if longer else 1 / ratio) > 1.1:
-            found = f"{other.key} = {other.value:g} s is {'longer' if longer else 'shorter'}"
+            found = f"{other.said} s is {'longer' if longer else 'shorter'}"
             return [f"{said}, and {found}: exposures may be combined"]
     for rate in filter(None, map(cards.number, filter(cards.find, _FRAME_RATES))):
         unlike = re.search(r"\b[kM]Hz\b|\b(ms|min\w*|hour|h)\b", rate.words)
         if not unlike and rate.positive and exposure.value * rate.value > 1.1:
-            frame = f"{rate.key} = {rate.value:g} Hz leaves {1 / rate.value:.3g} s for a frame"
+            frame = f"{rate.said} Hz leaves {1 / rate.value:.3g} s for a frame"
             return [f"{said}, and {frame}: check its unit"]
     wholes = (cards.quantity("exposure", key) for key in _WHOLE if cards.find(key))
     whole = next((number for number in wholes if number is not None and number.positive), None)
@@ -153,26 +176,6 @@ _READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLE
 """Comment of a noise of one read, and numbers of reads in an exposure."""
 
 
-def _reduced(cards: Cards, known: Metadata) -> list[str]:
-    """Warn of a bias, a gain or a read noise that is not, or no longer, that of these pixels."""
-    warnings, said = [], reduced_by(cards, "bias")
-    if said and known.value("bias"):
-        found = f"the bias of {known.value('bias'):g} ADU is used"
-        warnings.append(f"{found}, and {said} says that it was subtracted: if so, give --bias 0")
-    said = reduced_by(cards, "gain")
-    if said and known.value("unit", "adu") in ("adu", "adu/s"):
-        found = f"{said} says that the gain was applied"
-        warnings.append(f"the pixels are taken as ADU, and {found}: they may be electrons")
-    noise = known.read_noise
-    key = "" if noise is None else noise.source.removeprefix("header ").partition(" (")[0]
-    of_one = _ONE_READ.search((cards.find(key) or ("", ""))[1])
-    reads = next(filter(None, (cards.number(name) for name in _READS)), None)
-    if of_one and (reads is None or reads.value > 1):
-        found = f"{key} is the noise of one read by its comment ({of_one[0]!r})"
-        warnings.append(f"{found}: if the exposure has several, give --read-noise")
-    return warnings
-
-
 def reduced_by(cards: Cards, number: str) -> str:
     """Return the card that says that the ``"bias"`` or the ``"gain"`` was applied, as words; else nothing."""
     texts = {key: cards.text(key)[:40] for key in _APPLIED[number]}
@@ -199,22 +202,6 @@ _ALIKE: Mapping[str, re.Pattern[str]] = {
     }.items()
 }
 """Keywords like those of a number, which are not read as their unit or meaning differs between programs."""
-
-
-def _unread(cards: Cards, known: Metadata) -> list[str]:
-    """Warn of a number that seems to stand in a keyword that is not read, where no other keyword has it."""
-    calibrated = known.value("unit") in ("electron", "electron/s")
-    needless = ("gain", "saturation", "bias") if calibrated else ("bias",) if known.bias is not None else ()
-    missing = [name for name in _ALIKE if not known.value(name) and name not in needless]
-    warnings: list[str] = []
-    for name in missing:
-        read = {key for each in cards.keywords(name) for key in ((each,) if isinstance(each, str) else each)}
-        alike = (key for key in cards.names if key not in read and _ALIKE[name].fullmatch(key))
-        key = next((key for key in alike if _is_stated(cards, key)), None)
-        if key is not None:
-            option = f"--{name.replace('_', '-')}"
-            warnings.append(f"{key} = {cards.text(key)} is not read: give {option} if it is needed")
-    return warnings
 
 
 def _is_stated(cards: Cards, key: str) -> bool:

@@ -179,33 +179,25 @@ def damage_code(error: Exception, path: Path) -> ErrorCode:
         return reading_code(error)
     if isinstance(error, NotImplementedError):
         return ErrorCode.UNSUPPORTED_ENCODING
-    if isinstance(error, EOFError) and _is_gzipped(path):
-        return ErrorCode.TRUNCATED
-    return ErrorCode.DAMAGED
-
-
-def _is_gzipped(path: Path) -> bool:
     with contextlib.suppress(OSError), path.open("rb") as handle:
-        return handle.read(2) == GZIP
-    return False
+        if isinstance(error, EOFError) and handle.read(2) == GZIP:
+            return ErrorCode.TRUNCATED
+    return ErrorCode.DAMAGED
 
 
 def _describe(start: bytes) -> str:
     for magic, words in OTHERS.items():
         if start.lower().startswith(magic.lower()):
             return words
-    if re.fullmatch(rb"[\t\n\r\x20-\x7e\x80-\xff]+", start) and _is_text(start):
+    try:
+        start.decode("utf-8")
+        cut = len(start)
+    except UnicodeDecodeError as error:
+        cut = error.start  # a character may be cut in half by the limit
+    if re.fullmatch(rb"[\t\n\r\x20-\x7e\x80-\xff]+", start) and cut > len(start) - 4:
         line = start.decode("utf-8", "replace").strip().splitlines() or [""]
         return f"a text file (it begins {line[0][:40]!r})"
     return f"of unknown kind (it begins with the bytes {start[:8].hex(' ')})"
-
-
-def _is_text(start: bytes) -> bool:
-    try:
-        start.decode("utf-8")
-    except UnicodeDecodeError as error:
-        return error.start > len(start) - 4  # a character cut in half by the limit
-    return True
 
 
 #: A frame of more pixels (16384 x 16384) would take more than 2 GB as float64: no detector has as many.

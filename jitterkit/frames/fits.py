@@ -26,7 +26,7 @@ from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Hdu
-from jitterkit.frames.hdus import find_images, read_hdus, walk
+from jitterkit.frames.hdus import find_images, read_hdus
 from jitterkit.frames.pixels import open_pixels
 
 
@@ -165,7 +165,7 @@ def read_images(path: Path) -> tuple[list[NamedImage], Mapping[str, Any]]:
         If the file cannot be read.
     """
     with translated(path), open_bytes(path) as handle:
-        hdus = list(walk(path, handle))
+        hdus, _ = read_hdus(path, handle, None, sound=True)
         arrays = [hdu for hdu in hdus if hdu.what.startswith("an array")]
         images = [NamedImage(a.number, a.name, _upwards(a), a.header) for a in arrays]
         return images, hdus[0].header

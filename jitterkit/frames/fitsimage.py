@@ -8,21 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.frames.altered import outside_of_data, scaled_up
 from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, rows_from_the_top, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
+from jitterkit.frames.fitsio import celestial_wcs
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import resolve
-from jitterkit.frames.metadata import Metadata, Sourced
+from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.pixels import open_pixels
-from jitterkit.frames.scaled import scaled_up
-from jitterkit.frames.sections import outside_of_data
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
-from jitterkit.frames.wcs import celestial_wcs
 
 _MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
 
@@ -62,9 +61,6 @@ class FitsImage:
         self._noise = {role: part for role, part in group.parts.items() if role != "quality"}
         self._factor, self._unverified = 1.0, True
         self.shape = self.hdu.shape[-2], self.hdu.shape[-1]
-        self.metadata = self._resolved(primary, tables)
-
-    def _resolved(self, primary: Mapping[str, Any], tables: Callable[[], Any]) -> Metadata:
         header, number, quality = self.hdu.header, self.hdu.number, self.group.parts.get("quality")
         alone = str(header.get("INHERIT", "")).strip().upper() in ("F", "FALSE")
         inherit = primary if number and not alone else None
@@ -93,7 +89,7 @@ class FitsImage:
             known = Sourced(bits, "", f"{quality.label}, convention: {convention}")
             metadata = metadata.override(known.source, bad_bits=known)
         metadata = metadata.warn(*header.warnings, *messages, *odd, *self.group.warnings)
-        return metadata.reordered(-1) if from_top else metadata
+        self.metadata = metadata.reordered(-1) if from_top else metadata
 
     def read(self, index: int) -> RawFrame:
         """Return one plane; the first time all HDUs that are read are compared with their checksums."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -181,7 +181,9 @@ _MOST_HDUS = 1000
 _NO_TEXT = re.compile(rb"[^ -~]")
 
 
-def read_hdus(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[Hdu], list[str]]:
+def read_hdus(
+    path: Path, handle: BinaryIO, wanted: int | None, *, sound: bool = False
+) -> tuple[list[Hdu], list[str]]:
     """Read the headers of a file.
 
     Parameters
@@ -192,6 +194,8 @@ def read_hdus(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[Hd
         Its bytes, unzipped.
     wanted : int, optional
         The HDU that must be readable; by default one with an image.
+    sound : bool
+        Whether all that follow it must be readable too.
 
     Returns
     -------
@@ -206,36 +210,28 @@ def read_hdus(path: Path, handle: BinaryIO, wanted: int | None) -> tuple[list[Hd
         If the primary header is none or has no END, or a header up to the image contradicts FITS.
     """
     hdus: list[Hdu] = []
+    start, blocks, size = 0, _MOST_BLOCKS, path.stat().st_size
     try:
-        for hdu in walk(path, handle):
-            hdus.append(hdu)
+        # beyond what unpacks believably nothing lies, and to seek there through a gzip may take an hour
+        while len(hdus) < _MOST_HDUS and unpacks_believably(start, 0, size):
+            handle.seek(start)
+            number, most = len(hdus), min(blocks, _MOST_HEADER_BLOCKS)
+            text, read = _header(handle, most, b"XTENSION" if number else b"SIMPLE")
+            if isinstance(text, ErrorCode) and number:
+                break
+            if text is ErrorCode.UNKNOWN_FORMAT:
+                raise FrameError(text, path, "does not begin as a FITS file does", "give a FITS file")
+            if isinstance(text, ErrorCode):
+                refuse = truncated if text is ErrorCode.TRUNCATED else damaged
+                raise refuse(path, "has a FITS header without an END card")
+            blocks -= read
+            hdus.append(Hdu(path, handle, number, start, start + read * BLOCK, PlainHeader(text)))
+            start = hdus[-1].next
     except FrameError as error:
-        if not any(hdu.is_image and wanted in (None, hdu.number) for hdu in hdus):
+        if sound or not any(hdu.is_image and wanted in (None, hdu.number) for hdu in hdus):
             raise
         return hdus, [f"what follows HDU {hdus[-1].number} is not used: {error.problem}"]
     return hdus, []
-
-
-def walk(path: Path, handle: BinaryIO) -> Iterator[Hdu]:
-    """Yield the HDUs of a file one after the other, as :func:`read_hdus` does, with its errors."""
-    start, blocks, size = 0, _MOST_BLOCKS, path.stat().st_size
-    for number in range(_MOST_HDUS):
-        handle.seek(start)
-        text, read = _header(handle, min(blocks, _MOST_HEADER_BLOCKS), b"XTENSION" if number else b"SIMPLE")
-        if isinstance(text, ErrorCode) and number:
-            return
-        if text is ErrorCode.UNKNOWN_FORMAT:
-            raise FrameError(text, path, "does not begin as a FITS file does", "give a FITS file")
-        if isinstance(text, ErrorCode):
-            refuse = truncated if text is ErrorCode.TRUNCATED else damaged
-            raise refuse(path, "has a FITS header without an END card")
-        blocks -= read
-        hdu = Hdu(path, handle, number, start, start + read * BLOCK, PlainHeader(text))
-        yield hdu
-        start = hdu.next
-        # nothing lies beyond, and to seek there through a gzip may take an hour
-        if not unpacks_believably(start, 0, size):
-            return
 
 
 def _header(handle: BinaryIO, most: int, first: bytes) -> tuple[bytes | ErrorCode, int]:

@@ -54,13 +54,12 @@ def resolve_gain(cards: Cards) -> Sourced | None:
     """
     for card in cards.believed("gain"):
         if (objection := _objection(cards, card)) is not None:
-            cards.warnings.append(f"{card.key} = {card.value:g} {objection} and is ignored")
+            cards.warn(f"{card.said} {objection} and is ignored")
             continue
         for key in ("EGAIN", "EPERADU", "CVF"):  # always in e-/ADU
             other = cards.aside.believable("gain", key)
             if other is not None and abs(other.value / card.value - 1) > 0.1:
-                found = f"{key} = {other.value:g} contradicts it"
-                cards.warnings.append(f"{card.key} = {card.value:g} e-/ADU is used, and {found}")
+                cards.warn(f"{card.said} e-/ADU is used, and {other.said} contradicts it")
         return Sourced(card.value, "e-/ADU", card.source)
     return None
 
@@ -93,7 +92,7 @@ def _objection(cards: Cards, card: Number) -> str | None:
     noise = next((key for key in ALIASES["read_noise"] if isinstance(key, str) and cards.find(key)), None)
     if noise is None:
         return "may be a camera setting, as nothing says that it is e-/ADU,"
-    cards.warnings.append(f"GAIN = {card.value:g} is taken as e-/ADU, as {noise} stands beside it")
+    cards.warn(f"{card.said} is taken as e-/ADU, as {noise} stands beside it")
     return None
 
 
@@ -149,7 +148,7 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
     for number in cards.believed("read_noise"):
         if not number.value and not _NOISELESS.search(number.comment):
             said = f"{number.key} = 0 is taken to be unknown and is ignored"
-            cards.warnings.append(f"{said}: of a detector that counts photons give --read-noise 0")
+            cards.warn(f"{said}: of a detector that counts photons give --read-noise 0")
         elif noise := _in(number, "electron", gain, None, cards):
             break
     saturation = _saturation(cards, gain, bias, *("adu" if u is None else u.value for u in (unit, stated)))
@@ -157,7 +156,7 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
     line_time = cards.first("line_time")
     rolling = next((key for key in _SHUTTERS if "rolling" in cards.text(key).lower()), None)
     if line_time is None and rolling is not None:
-        cards.warnings.append(
+        cards.warn(
             f"{rolling} = {cards.text(rolling)!r} and no LINETIME says how long a row takes: a drift shifts "
             "rows against each other; give line_time in the instrument file"
         )
@@ -184,12 +183,10 @@ def _bias(cards: Cards, gain: Sourced | None) -> Sourced | None:
     bias = None if number is None else _in(number, "adu", gain, None, cards)
     if number is not None and _SUBTRACTED.search(number.comment):
         bias = Sourced(0.0, "ADU", f"{number.source}, which was subtracted")
-        cards.warnings.append(f"{number.key} was subtracted by its comment {number.comment!r}: the bias is 0")
+        cards.warn(f"{number.key} was subtracted by its comment {number.comment!r}: the bias is 0")
     pedestal = cards.number("PEDESTAL")
     if pedestal is not None and pedestal.value:
-        cards.warnings.append(
-            f"PEDESTAL = {pedestal.value:g} is not read: give the level of no light as --bias"
-        )
+        cards.warn(f"{pedestal.said} is not read: give the level of no light as --bias")
     elif bias is None and (said := reduced_by(cards, "bias")):
         bias = Sourced(0.0, "ADU", f"header {said}, by which the bias was subtracted,")
     return bias
@@ -203,9 +200,9 @@ def _in(
     if stated == unit:
         return Sourced(number.value, word[unit], number.source)
     if stated in RATES or gain is None:
-        said = f"{number.key} = {number.value:g} is in {word.get(stated, stated)}"
+        said = f"{number.said} is in {word.get(stated, stated)}"
         why = "which is not converted" if stated in RATES else "and the gain is unknown"
-        cards.warnings.append(f"{said}, {why}; it is ignored")
+        cards.warn(f"{said}, {why}; it is ignored")
         return None
     zero = 0.0 if bias is None else bias.value
     if unit == "adu":
@@ -223,14 +220,12 @@ def _saturation(
         return None
     for other in cards.aside.believed("saturation"):
         if other.counted == number.counted and other.value < 0.99 * number.value and other.key != "DATAMAX":
-            found = f"{other.key} = {other.value:g} is lower: if it is the limit, give --saturation"
-            cards.warnings.append(f"{number.key} = {number.value:g} is used, and {found}")
+            found = f"{other.said} is lower: if it is the limit, give --saturation"
+            cards.warn(f"{number.said} is used, and {found}")
     if not number.counted and stated in COUNTS and unit.removesuffix("/s") != stated:
         number = replace(number, counted=stated)
     if unit not in ("adu", "electron") and not number.counted:
-        cards.warnings.append(
-            f"{number.key} = {number.value:g} has no unit beside pixels in {unit} and is ignored"
-        )
+        cards.warn(f"{number.said} has no unit beside pixels in {unit} and is ignored")
         return None
     known = _in(number, unit.removesuffix("/s") if unit in RATES else unit, gain, bias, cards)
     header, largest = cards.layers[0][0], math.inf  # these cards are of their own image only
@@ -241,14 +236,14 @@ def _saturation(
         largest = zero + scale * (2.0 ** (bits if bits == 8 else bits - 1) - 1)
     if known is not None and known.value > largest:
         said = f"{number.key} = {known.value:g} ADU is above the largest number of the stored integers"
-        cards.warnings.append(f"{said}, {largest:g}, which is used")
+        cards.warn(f"{said}, {largest:g}, which is used")
         known = replace(known, value=largest)
     if known is None or "DATAMAX" not in known.source:
         return known
     if number.value != round(number.value):
-        cards.warnings.append(f"DATAMAX = {number.value:g} is the data's maximum and is ignored")
+        cards.warn(f"DATAMAX = {number.value:g} is the data's maximum and is ignored")
         return None
-    cards.warnings.append(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
+    cards.warn(f"saturation is DATAMAX = {number.value:g}, which may be the data's maximum")
     return known
 
 
@@ -279,14 +274,14 @@ def _unit(cards: Cards) -> Sourced | None:
         for key in _UNITS:
             if cards.text(key) and resolve_unit(cards.text(key)) != "adu":
                 said = f"{key} = {cards.text(key)!r} is not read, BUNIT is"
-                cards.warnings.append(f"{said}: the pixels are taken as ADU")
+                cards.warn(f"{said}: the pixels are taken as ADU")
         return None
     text = str(card[0]).strip()
     unit = resolve_unit(text)
     if unit in COUNTS and (rate := _RATE.search(card[1])):
-        cards.warnings.append(f"BUNIT = {text!r} is used, and its comment has {rate[0]!r}: it may be a rate")
+        cards.warn(f"BUNIT = {text!r} is used, and its comment has {rate[0]!r}: it may be a rate")
     if unit is None and text.lower() in _UNSAID:
-        cards.warnings.append(f"BUNIT = {text!r} says no unit and is taken as ADU")
+        cards.warn(f"BUNIT = {text!r} says no unit and is taken as ADU")
         unit = "adu"
     as_written = unit in RATES and text.lower() != unit
     return Sourced(unit or text, "", f"{card[2]}, {text!r}" if as_written else card[2])

@@ -130,7 +130,15 @@ def hidden_light(
     others = float(masked[~bright].mean()) if count < data.size else 0.0
     if light < _MOST_LIGHT or share < _DENSER * others:
         return None
-    return HiddenLight(light, share, others, *_bits(quality, bright, bits))
+    flags = np.zeros(data.shape, np.int64) if quality is None else quality
+    known_bits = np.where(flags < 0, 0, flags) & bits
+    present, hiding = int(np.bitwise_or.reduce(known_bits, axis=None)), 0
+    for bit in (1 << n for n in range(32) if present >> n & 1):
+        has = (known_bits & bit) != 0
+        elsewhere = float(has.sum() - has[bright].sum()) / max(1, int(np.sum(~bright)))
+        if float(has[bright].mean()) > max(_WIDE, _DENSER * elsewhere):
+            hiding |= bit  # one of stars
+    return HiddenLight(light, share, others, hiding, present & ~hiding)
 
 
 def with_a_star(raw: RawFrame) -> RawFrame:
@@ -161,17 +169,3 @@ def with_a_star(raw: RawFrame) -> RawFrame:
     problem, remedy = f"no star is left: {found.sentence(label)}", found.remedy
     remedy = f"{remedy}, else --bad-bits {found.left + found.hiding}"
     raise FrameError(ErrorCode.NO_STAR, raw.path or Path(raw.name), problem, remedy)
-
-
-def _bits(quality: np.ndarray | None, bright: np.ndarray, bits: int) -> tuple[int, int]:
-    """Return the bits of stars, and the others that mask."""
-    if quality is None:
-        return 0, 0
-    known = np.where(quality < 0, 0, quality) & bits
-    present, hiding = int(np.bitwise_or.reduce(known, axis=None)), 0
-    for bit in (1 << n for n in range(32) if present >> n & 1):
-        has = (known & bit) != 0
-        share = float(has[bright].mean())
-        if share > max(_WIDE, _DENSER * float(has.sum() - has[bright].sum()) / max(1, np.sum(~bright))):
-            hiding |= bit
-    return hiding, present & ~hiding

@@ -57,11 +57,9 @@ class Placed:
         """
         height, width = self.shape
         if min(nx, ny) < 1 or x0 < 0 or y0 < 0 or x0 + nx > width or y0 + ny > height:
-            raise JitterkitError(
-                ErrorCode.OUT_OF_RANGE,
-                f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside a frame "
-                f"of {width} x {height} pixels; choose one that does.",
-            )
+            problem = f"the region x {x0} to {x0 + nx - 1}, y {y0} to {y0 + ny - 1} does not lie inside"
+            frame = f"a frame of {width} x {height} pixels"
+            raise JitterkitError(ErrorCode.OUT_OF_RANGE, f"{problem} {frame}; choose one that does.")
         cut = (slice(y0, y0 + ny), slice(x0, x0 + nx))
         arrays = {k: array[cut].copy() for k, array in vars(self).items() if isinstance(array, np.ndarray)}
         origin = (self.origin[0] + x0, self.origin[1] + y0)

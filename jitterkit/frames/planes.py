@@ -15,8 +15,8 @@ from typing import Any
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.dialects import ALIASES
+from jitterkit.frames.fitsio import SCALE_KEYS
 from jitterkit.frames.hdu import ROLE_OF, Hdu
-from jitterkit.frames.wcs import SCALE_KEYS
 
 _MOST_LABELS = 999
 """A header of more labels is not looked for; it may declare billions of planes."""
@@ -225,9 +225,8 @@ def numbers_of_planes(image: Hdu, others: Sequence[Hdu]) -> list[str]:
         pairs = ((image.header.get(key), image.header.get(key + letter)) for key in SCALE_KEYS)
         if celestial and any(other not in (None, own) for own, other in pairs):
             letters.append(letter)
-    return said + [
-        f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
-    ] * bool(letters)
+    shown = f"the WCS {', '.join(letters)} has another scale; the first WCS is that of all planes"
+    return said + [shown] * bool(letters)
 
 
 def _coordinates(image: Hdu, axis: int) -> list[float]:

@@ -66,7 +66,10 @@ def find_region(raw: RawFrame, shape: tuple[int, int] = (128, 128)) -> RawFrame:
     if (ny, nx) == raw.shape:
         return raw
     step = max(1, min(ny, nx) // 16)
-    noise = _pixel_noise(raw)
+    # between every other pixel, so that a colour mosaic is not noise
+    rows = slice(None, None, max(1, raw.shape[0] // 500))
+    steps = (raw.data[rows, 2:] - raw.data[rows, :-2])[~(raw.mask[rows, 2:] | raw.mask[rows, :-2])]
+    noise = _spread(steps) / math.sqrt(2)
     light = _light(raw, noise, step, TILE * max(ny, nx) // step)
     x, y = _brightest(light, (ny, nx), step, noise, raw.path or Path(raw.name))
     x, y = _centred(light, x, y, (ny / step, nx / step))
@@ -82,7 +85,12 @@ def _light(raw: RawFrame, noise: float, step: int, tile: int) -> np.ndarray:
     level = float(np.median(good.ravel()[:: max(1, good.size // 100_000)])) if good.size else 0.0
     data[raw.mask] = level
     binned = bin_mean(_without_outliers(data, noise, level), step).astype(np.float64)
-    return binned - _sky(binned, tile)
+    # the sky: medians of tiles, bilinearly between their centres
+    rows, columns = (_edges(n, tile) for n in binned.shape)
+    medians = [[np.median(binned[a:b, c:d]) for c, d in itertools.pairwise(columns)]
+               for a, b in itertools.pairwise(rows)]  # fmt: skip
+    up, across = (_weights(n, edges) for n, edges in zip(binned.shape, (rows, columns), strict=True))
+    return binned - up @ np.asarray(medians) @ across.T
 
 
 def _without_outliers(data: np.ndarray, noise: float, level: float) -> np.ndarray:
@@ -94,15 +102,6 @@ def _without_outliers(data: np.ndarray, noise: float, level: float) -> np.ndarra
     around = median_filter(data, 3)
     odd = np.abs(data - around) > OUTLIER * noise + np.maximum(around - level, 0)
     return np.where(odd, median_filter(data, 5), data)
-
-
-def _sky(image: np.ndarray, tile: int) -> np.ndarray:
-    """Interpolate the medians of tiles, bilinearly between their centres."""
-    rows, columns = (_edges(n, tile) for n in image.shape)
-    medians = [[np.median(image[a:b, c:d]) for c, d in itertools.pairwise(columns)]
-               for a, b in itertools.pairwise(rows)]  # fmt: skip
-    up, across = (_weights(n, edges) for n, edges in zip(image.shape, (rows, columns), strict=True))
-    return up @ np.asarray(medians) @ across.T
 
 
 def _edges(length: int, tile: int) -> list[int]:
@@ -137,13 +136,6 @@ def _brightest(
         remedy = "check that the frame holds a star, or name the region"
         raise FrameError(ErrorCode.NO_STAR, path, problem, remedy)
     return x + (box - 1) / 2, y + (box - 1) / 2
-
-
-def _pixel_noise(raw: RawFrame) -> float:
-    """Return the noise of a pixel, measured between every other one so that a colour mosaic is not noise."""
-    rows = slice(None, None, max(1, raw.shape[0] // 500))
-    steps = (raw.data[rows, 2:] - raw.data[rows, :-2])[~(raw.mask[rows, 2:] | raw.mask[rows, :-2])]
-    return _spread(steps) / math.sqrt(2)
 
 
 def _spread(values: np.ndarray) -> float:

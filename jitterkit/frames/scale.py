@@ -61,7 +61,7 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
         sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
         if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
             shape = sides[0], sides[1]
-    known, why = _of_sky(cards, wcs, shape), ""
+    known, why = _found(cards, wcs, shape), ""
     if known is None:
         return None
     scale, aside = known.value, cards.aside
@@ -75,51 +75,44 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
     elif not _USUAL[0] <= scale <= _USUAL[1]:
         why = "is unusual"
     if why:
-        cards.warnings.append(f"{known.source} = {scale:.4g} arcsec/pixel {why}: check its unit")
+        cards.warn(f"{known.source} = {scale:.4g} arcsec/pixel {why}: check its unit")
     return known
 
 
-def _of_sky(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:
-    """Return the scale of the WCS; without one, that of a keyword or of the optics."""
+def _found(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:
+    """Return the scale of the WCS; without one, that of a keyword or else of the optics."""
     said = cards.first("plate_scale") or _of_area(cards)
     key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
     along_y = cards.aside.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
     if said is not None and along_y is not None and abs(along_y.value / said.value - 1) > 0.01:
-        found = f"{along_y.key} = {along_y.value:g} arcsec/pixel"
-        cards.warnings.append(f"{key} = {said.value:g} is used, and {found}: pixels are not square")
-    optics = _of_optics(cards)
-    if wcs is None:
-        return _without_sky(cards, said, optics)
-    scale, warnings = plate_scale(wcs, shape)
-    cards.warnings += warnings
-    problem = QUANTITIES["plate_scale"].problem(scale)
+        cards.warn(f"{key} = {said.value:g} is used, and {along_y.said} arcsec/pixel: pixels are not square")
+    optics, scale, problem = _of_optics(cards), 0.0, None
+    if wcs is not None:
+        scale, warnings = plate_scale(wcs, shape)
+        cards.warnings += warnings
+        problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is not None:
-        cards.warnings.append(f"the WCS's scale = {scale:g} {problem} and is ignored")
-        return _without_sky(cards, said, optics)
-    for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
-        if other is not None and abs(other.value / scale - 1) > agreement:
-            found = f"{other.source} = {other.value:g}"
-            cards.warnings.append(f"{found} differs from the WCS's {scale:g} arcsec/pixel")
-    # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
-    fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
-    corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
-    source = f"header WCS (HDU {cards.layers[0][1]})"
-    return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
-
-
-def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> Sourced | None:
-    """Return the scale of a keyword, or else of the optics, where no WCS gives one."""
+        cards.warn(f"the WCS's scale = {scale:g} {problem} and is ignored")
+    elif wcs is not None:
+        for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
+            if other is not None and abs(other.value / scale - 1) > agreement:
+                cards.warn(f"{other.source} = {other.value:g} differs from the WCS's {scale:g} arcsec/pixel")
+        # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled
+        # image
+        fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
+        corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
+        source = f"header WCS (HDU {cards.layers[0][1]})"
+        return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
         found = f"{optics.source} = {optics.value:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
+        cards.warn(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
     nx, ny = _binning(cards)
-    key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
     of_native = _NATIVE.search((cards.find(key) or ("", ""))[1])
     if said is not None and of_native and ((nx, ny) != (1, 1) or not any(map(cards.text, _BINNINGS))):
         found = f"{key} = {said.value:g} is that of unbinned pixels by its comment ({of_native[0]!r})"
         unsure = (nx, ny) == (1, 1)
         what = ", and no binning is known: check it" if unsure else ", and is ignored: give --plate-scale"
-        cards.warnings.append(f"{found}{what}")
+        cards.warn(f"{found}{what}")
         said = said if unsure else None
     known = said or optics
     if known is None:
@@ -131,12 +124,12 @@ def _without_sky(cards: Cards, said: Sourced | None, optics: Sourced | None) -> 
             resampled.append(f"{key} = {step.value:g}")
     if said is not None and optics is None and (nx, ny) != (1, 1):
         found = f"the binning of {nx:g}" if nx == ny else f"the binning of {nx:g} x {ny:g}"
-        cards.warnings.append(f"{said.source} = {said.value:g} is taken to include {found}")
+        cards.warn(f"{said.source} = {said.value:g} is taken to include {found}")
     elif resampled:
         found = f"{known.source} = {known.value:g} is taken to be of its pixels"
-        cards.warnings.append(f"{resampled[0]}: the image was binned or resampled, and {found}")
+        cards.warn(f"{resampled[0]}: the image was binned or resampled, and {found}")
     if nx != ny and known is said:
-        cards.warnings.append(f"the binning is {nx} x {ny}: pixels are not square")
+        cards.warn(f"the binning is {nx} x {ny}: pixels are not square")
     return known
 
 
@@ -146,7 +139,7 @@ def _of_area(cards: Cards) -> Sourced | None:
     if area is None or not area.positive:
         return None
     if re.search(r"\b(sr|ster\w*|deg\w*|rad\w*|arcmin\w*)(?![a-z])", area.words, re.I):
-        cards.warnings.append(f"PIXAR_A2 = {area.value:g} is not in arcsec² ({area.words}) and is ignored")
+        cards.warn(f"{area.said} is not in arcsec² ({area.words}) and is ignored")
         return None
     return Sourced(math.sqrt(area.value), "arcsec/pixel", area.source)
 
@@ -163,27 +156,26 @@ def _of_optics(cards: Cards) -> Sourced | None:
     x, y = sides if binned else (sides[0] * nx, sides[1] * ny)
     if binned and unbinned and abs(x / (unbinned[0] * nx) - 1) > 0.01:
         found = f"PIXSIZE1 = {unbinned[0]:g} um with a binning of {nx} contradicts it"
-        cards.warnings.append(f"XPIXSZ = {x:g} um is used, and {found}")
+        cards.warn(f"XPIXSZ = {x:g} um is used, and {found}")
     elif binned and not unbinned and nx > 1:
-        cards.warnings.append(f"XPIXSZ = {x:g} is taken to include the binning of {nx:g}")
+        cards.warn(f"XPIXSZ = {x:g} is taken to include the binning of {nx:g}")
     scale = ARCSEC_PER_RADIAN * math.sqrt(x * y) * 1e-3 / focal.value
     aperture = cards.quantity("focal_length", "APTDIA")
     problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is None and aperture is not None and focal.value < _LEAST_RATIO * aperture.value:
         problem = f"has a focal length of {focal.value:g} mm behind an aperture of {aperture.value:g} mm"
     if problem is not None:
-        cards.warnings.append(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
+        cards.warn(f"{key}/FOCALLEN = {scale:g} {problem} and is ignored")
         return None
     for reducer in _REDUCERS:
         if cards.text(reducer).strip(" xX") not in _NO_REDUCER:
-            said = f"{focal.key} = {focal.value:g} mm is taken to include {reducer} = {cards.text(reducer)}"
-            cards.warnings.append(f"{said}: if it does not, give --plate-scale")
+            said = f"{focal.said} mm is taken to include {reducer} = {cards.text(reducer)}"
+            cards.warn(f"{said}: if it does not, give --plate-scale")
     ratio = cards.number("FOCRATIO")
     if aperture and ratio and ratio.positive and abs(focal.value / (ratio.value * aperture.value) - 1) > 0.1:
-        found = f"FOCRATIO = {ratio.value:g} behind APTDIA = {aperture.value:g} mm contradicts it"
-        cards.warnings.append(f"{focal.key} = {focal.value:g} mm is used, and {found}")
+        cards.warn(f"{focal.said} mm is used, and {ratio.said} behind {aperture.said} mm contradicts it")
     if abs(y / x - 1) > 0.01:
-        cards.warnings.append(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
+        cards.warn(f"pixels are {x:g} x {y:g} um, not square; {scale:g} arcsec/pixel is used")
     return Sourced(scale, "arcsec/pixel", focal.source.replace("FOCALLEN", f"{key}/FOCALLEN"))
 
 
@@ -192,7 +184,7 @@ def _pixel_sides(cards: Cards, keys: tuple[str, str]) -> tuple[float, float] | N
     x, y = (cards.quantity("pixel_size", key) for key in keys)
     for side in filter(None, (x, y)):
         if not _PIXEL[0] <= side.value <= _PIXEL[1]:
-            cards.warnings.append(f"{side.key} = {side.value:g} um is no pixel of a detector and is ignored")
+            cards.warn(f"{side.said} um is no pixel of a detector and is ignored")
             return None
     return None if x is None else (x.value, (y or x).value)
 
@@ -208,12 +200,8 @@ def _binning(cards: Cards) -> tuple[int, int]:
             binning = int(found[1]), int(found[2] or (along_y and along_y[1]) or found[1])
             first = first or (key, binning)
             if binning[0] != first[1][0]:
-                said = f"{first[0]} = {cards.text(first[0])} is used, and {key} = {text} contradicts it"
-                _warn_once(cards, said)
+                used = f"{first[0]} = {cards.text(first[0])} is used"
+                cards.warn(f"{used}, and {key} = {text} contradicts it")
         elif text:
-            _warn_once(cards, f"{key} = {text!r} is no binning and is ignored")
+            cards.warn(f"{key} = {text!r} is no binning and is ignored")
     return first[1] if first else (1, 1)
-
-
-def _warn_once(cards: Cards, text: str) -> None:
-    cards.warnings += [text] * (text not in cards.warnings)

@@ -53,7 +53,11 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
                 f"the scale runs from {scales.min():.5g} to {scales.max():.5g} arcsec/pixel over the frame"
             )
             warnings.append(f"{found}; that of its middle is used: give --plate-scale for another position")
-    if shape is not None and not even and (far := _fields_away(wcs, shape)) > 1:
+    far = 0.0  # outside of the frame the reference pixel lies, in the frame's sides
+    if shape is not None and not even:
+        beyond = np.asarray(wcs.wcs.crpix) - (np.array(shape[::-1]) + 1) / 2
+        far = float(np.max(np.abs(beyond / shape[::-1]))) - 0.5
+    if far > 1:
         off = np.inf if local is None else np.linalg.norm(local[0] - matrix) / np.linalg.norm(matrix)
         if off > _FAR:
             differ = f"differ by {off:.2g} from those of" if off < np.inf else "are off the sky of"
@@ -67,12 +71,6 @@ def plate_scale(wcs: Any, shape: tuple[int, int] | None = None) -> tuple[float, 
             found = f"pixels are not square, but {longest:.5g} x {shortest:.5g} arcsec along oblique axes"
         warnings.append(f"{found}; {scale:.5g} arcsec is used in all directions")
     return scale, warnings
-
-
-def _fields_away(wcs: Any, shape: tuple[int, int]) -> float:
-    """Return how far outside of the frame the reference pixel lies, in the frame's sides."""
-    sides = np.array(shape[::-1])
-    return float(np.max(np.abs((np.asarray(wcs.wcs.crpix) - (sides + 1) / 2) / sides)) - 0.5)
 
 
 def _is_even(wcs: Any, shape: tuple[int, int]) -> bool:
@@ -148,28 +146,23 @@ def sky_position_angle(wcs: Any, x: float, y: float, theta_deg: float) -> float:
     The angle of the great circle between two points half a pixel to either side, so distortion and
     any projection are taken along, and it is exact at the pole too.
     """
+    from astropy.coordinates import ICRS, SkyCoord
+
     step = 0.5 * np.array([math.cos(math.radians(theta_deg)), math.sin(math.radians(theta_deg))])
     behind_ahead_here = np.array([-1.0, 1.0, 0.0])
     world = wcs.pixel_to_world_values(x + step[0] * behind_ahead_here, y + step[1] * behind_ahead_here)
-    equatorial = _in_icrs(wcs, world[wcs.wcs.lng], world[wcs.wcs.lat])
-    if equatorial is None:
+    lon, lat, frame = world[wcs.wcs.lng], world[wcs.wcs.lat], celestial_frame(wcs)
+    if frame is None:
         return math.nan
+    equatorial = np.radians(lon), np.radians(lat)
+    if not isinstance(frame, ICRS):
+        position = SkyCoord(lon, lat, unit="deg", frame=frame).icrs
+        equatorial = position.ra.rad, position.dec.rad
     (ax, bx, cx), (ay, by, cy) = equatorial
     direction = _unit_vector(bx, by) - _unit_vector(ax, ay)
     east = np.array([-math.sin(cx), math.cos(cx), 0.0])
     north = np.array([-math.sin(cy) * math.cos(cx), -math.sin(cy) * math.sin(cx), math.cos(cy)])
     return math.degrees(math.atan2(direction @ east, direction @ north)) % 360.0
-
-
-def _in_icrs(wcs: Any, lon: np.ndarray, lat: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Right ascension and declination, radian; None where the frame of the coordinates is unknown."""
-    from astropy.coordinates import ICRS, SkyCoord
-
-    frame = celestial_frame(wcs)
-    if frame is None or isinstance(frame, ICRS):
-        return None if frame is None else (np.radians(lon), np.radians(lat))
-    position = SkyCoord(lon, lat, unit="deg", frame=frame).icrs
-    return position.ra.rad, position.dec.rad
 
 
 def celestial_frame(wcs: Any) -> Any:
@@ -221,13 +214,9 @@ def usable_part(whole: Any) -> tuple[Any | None, tuple[str, ...]]:
     if np.any(np.linalg.norm(matrix, axis=0) == 1):
         return None, ("the WCS has the default scale of 1 degree a pixel, so it says none and is ignored",)
     if celestial_frame(celestial) is None:
-        frame = f"the WCS's frame ({_frame_of(celestial)}) is not converted: no position angle is given"
-        return celestial, (frame,)
+        frame = " ".join(filter(None, (*celestial.wcs.ctype, celestial.wcs.radesys)))
+        return celestial, (f"the WCS's frame ({frame}) is not converted: no position angle is given",)
     return celestial, ()
-
-
-def _frame_of(wcs: Any) -> str:
-    return " ".join(filter(None, (*wcs.wcs.ctype, wcs.wcs.radesys)))
 
 
 def turned_over(wcs: Any, rows: int) -> Any | None:

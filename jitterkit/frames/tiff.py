@@ -17,22 +17,13 @@ import numpy as np
 import tifffile
 
 from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.frames import pages
+from jitterkit.frames.altered import scaled_up
 from jitterkit.frames.files import truncated
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, overheard, translated
 from jitterkit.frames.metadata import Metadata
-from jitterkit.frames.pages import (
-    ORIENTATIONS,
-    calibration_line,
-    curve_warnings,
-    full_pages,
-    is_smaller_copy,
-    orientation_of,
-    refuse_missing_data,
-    refuse_unusable,
-)
 from jitterkit.frames.planes import roles_of_labels
-from jitterkit.frames.scaled import scaled_up
 from jitterkit.frames.sidecar import read_sidecars
 from jitterkit.frames.units import factor
 
@@ -72,36 +63,33 @@ class TiffFile(FrameFile):
             raise FrameError(ErrorCode.NO_IMAGE, path, problem, "leave the HDU out")
         super().__init__(path)
         with translated(path):
-            self._pages = full_pages(path)
+            self._pages = pages.full_pages(path)
         with translated(path) as caught, overheard(_LOG) as talk:
             self._tiff = self.enter_context(tifffile.TiffFile(path))
             try:
-                self._survey()
+                page = self._page(0)
+                self._planes = _planes_behind(path, self._tiff, page) if len(self._pages) == 1 else None
+                self._count = len(self._pages) if self._planes is None else self._planes
+                # where an ImageJ stack is cut short tifffile falls back to its first plane
+                declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
+                _refuse_missing_planes(path, declared, self._count)
+                ny, nx = page.imagelength, page.imagewidth
+                self.shape = (ny, nx) if pages.orientation_of(page) < 5 else (nx, ny)
+                self.dtype = np.dtype(page.dtype).newbyteorder("=")
+                sidecars = read_sidecars(path).reordered(ROW_ORDERS.get(pages.orientation_of(page), 0))
+                self._line, unclear = pages.calibration_line(self._tiff.imagej_metadata or {})
+                odd = (*unclear, *pages.curve_warnings(page), *self._size_warnings(), *self._label_warnings())
+                self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
             except BaseException:
                 self.close()
                 raise
         self.metadata = self.metadata.warn(*caught, *talk)
 
-    def _survey(self) -> None:
-        page = self._page(0)
-        self._planes = _planes_behind(self.path, self._tiff, page) if len(self._pages) == 1 else None
-        self._count = len(self._pages) if self._planes is None else self._planes
-        # where an ImageJ stack is cut short tifffile falls back to its first plane
-        declared = int((self._tiff.imagej_metadata or {}).get("images", 1))
-        _refuse_missing_planes(self.path, declared, self._count)
-        ny, nx = page.imagelength, page.imagewidth
-        self.shape = (ny, nx) if orientation_of(page) < 5 else (nx, ny)
-        self.dtype = np.dtype(page.dtype).newbyteorder("=")
-        sidecars = read_sidecars(self.path).reordered(ROW_ORDERS.get(orientation_of(page), 0))
-        self._line, unclear = calibration_line(self._tiff.imagej_metadata or {})
-        odd = (*unclear, *curve_warnings(page), *self._size_warnings(), *self._label_warnings())
-        self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
-
     def _size_warnings(self) -> list[str]:
         """Warn of pages that may be smaller copies of another, and not marked as such."""
-        pages = [self._tiff.pages[number] for number in self._pages[:_MOST_NAMED]]
-        sides = [(getattr(page, "imagelength", 0), getattr(page, "imagewidth", 0)) for page in pages]
-        copies = [str(index) for index, one in enumerate(sides) if is_smaller_copy(one, max(sides))]
+        named = (self._tiff.pages[number] for number in self._pages[:_MOST_NAMED])
+        sides = [(getattr(page, "imagelength", 0), getattr(page, "imagewidth", 0)) for page in named]
+        copies = [str(index) for index, one in enumerate(sides) if pages.is_smaller_copy(one, max(sides))]
         said = f"pages {', '.join(copies[:9])} have the shape of a larger page: if they are its thumbnails"
         return [f"{said}, their plate scale is another one"] * bool(copies)
 
@@ -117,18 +105,22 @@ class TiffFile(FrameFile):
 
     def _page(self, index: int) -> Any:
         page = self._tiff.pages[self._pages[index]]
-        refuse_unusable(self.path, page)
+        pages.refuse_unusable(self.path, page)
         return page
 
     def _read(self, index: int) -> RawFrame:
         with overheard(_LOG) as talk:
             page = self._page(index if self._planes is None else 0)
             if self._planes is None:
-                refuse_missing_data(self.path, page, self._tiff.filehandle.size)
+                pages.refuse_missing_data(self.path, page, self._tiff.filehandle.size)
                 stored = _decode(self.path, page)
             else:
-                stored = _plane(self._tiff, page, index)
-        upright = ORIENTATIONS[orientation_of(page)](stored)
+                ny, nx = page.imagelength, page.imagewidth
+                dtype = np.dtype(page.dtype).newbyteorder(self._tiff.byteorder)
+                start = self._tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
+                plane = self._tiff.filehandle.read_array(dtype, count=ny * nx, offset=start)
+                stored = plane.reshape(ny, nx)
+        upright = pages.ORIENTATIONS[pages.orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
         talk += scaled_up(data, self.metadata)
         if self._line is not None:
@@ -172,16 +164,19 @@ def _refuse_missing_planes(path: Path, declared: int, present: int) -> None:
         raise truncated(path, f"declares {declared} frames and holds {present}")
 
 
-def _plane(tiff: tifffile.TiffFile, page: Any, index: int) -> np.ndarray:
-    ny, nx = page.imagelength, page.imagewidth
-    dtype = np.dtype(page.dtype).newbyteorder(tiff.byteorder)
-    start = tiff.series[0].dataoffset + index * ny * nx * dtype.itemsize
-    return tiff.filehandle.read_array(dtype, count=ny * nx, offset=start).reshape(ny, nx)
-
-
 def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Metadata:
     """Add to the sidecars what the TIFF itself says about exposure and colour."""
-    source, exposure = _exposure(tiff, page)
+    exif, source, exposure = page.tags.get("ExifTag"), "OME", None
+    ratio = exif.value.get("ExposureTime") if exif is not None and isinstance(exif.value, dict) else None
+    text = tiff.ome_metadata or ""
+    times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
+    units = set(re.findall(r'ExposureTimeUnit="([^"]+)"', text)) or {"s"}
+    if isinstance(ratio, tuple) and len(ratio) == 2 and ratio[1]:
+        source, exposure = "EXIF", ratio[0] / ratio[1]
+    elif len(times) > 1 or len(units) > 1:
+        exposure = math.nan
+    elif times and (seconds := factor("exposure", units.pop())):
+        exposure = float(times.pop()) * float(seconds)
     if exposure is not None and exposure > 0:
         metadata = metadata.fill(f"header {source} ExposureTime", exposure=exposure)
     elif exposure is not None and metadata.exposure is None:
@@ -198,20 +193,6 @@ def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Met
     if name == "CFA":
         metadata = metadata.warn("the TIFF says that its pixels lie behind a colour mosaic")
     return metadata
-
-
-def _exposure(tiff: tifffile.TiffFile, page: Any) -> tuple[str, float | None]:
-    exif = page.tags.get("ExifTag")
-    ratio = exif.value.get("ExposureTime") if exif is not None and isinstance(exif.value, dict) else None
-    if isinstance(ratio, tuple) and len(ratio) == 2 and ratio[1]:
-        return "EXIF", ratio[0] / ratio[1]
-    text = tiff.ome_metadata or ""
-    times = set(re.findall(r'ExposureTime="([\d.eE+-]+)"', text))
-    units = set(re.findall(r'ExposureTimeUnit="([^"]+)"', text)) or {"s"}
-    seconds = factor("exposure", next(iter(units)))
-    if len(times) > 1 or len(units) > 1:
-        return "OME", math.nan
-    return "OME", float(times.pop()) * float(seconds) if times and seconds else None
 
 
 def write(path: Path, array: np.ndarray) -> None:

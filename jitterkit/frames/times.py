@@ -87,20 +87,19 @@ def resolve_time(cards: Cards) -> Sourced | None:
         day = day or known  # without a time of day, unless another keyword has one on it
     else:
         return day
-    when, found = datetime.fromisoformat(known.value), ""
+    when = datetime.fromisoformat(known.value)
     for other in ("DATE-OBS", "MJD-OBS", "JD"):
         said = None if other == key else _stated(cards.aside, other)
         at = None if said is None or "T" not in said.value else datetime.fromisoformat(said.value)
         if said is not None and at is not None and _contradicts(cards, abs(at - when)):
-            found = f"{key} = {known.value} is used, and {other} contradicts it ({said.value})"
-            break
-    for other in TIME_KEYS if not found else ():
+            cards.warn(f"{key} = {known.value} is used, and {other} contradicts it ({said.value})")
+            return known
+    for other in TIME_KEYS:
         text = cards.text(other)
         at = _parse(f"{when.date().isoformat()}T{text.partition('T')[2] or text}")
         if isinstance(at, datetime) and _contradicts(cards, abs((at - when + _DAY / 2) % _DAY - _DAY / 2)):
-            found = f"{known.source} = {known.value} is used, and {other} = {text} contradicts it"
+            cards.warn(f"{known.source} = {known.value} is used, and {other} = {text} contradicts it")
             break
-    cards.warnings += filter(None, [found])
     return known
 
 
@@ -156,7 +155,7 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
         text, precision = str(value).strip(), "auto"
         when = _parse(text)
         if when is None:
-            cards.warnings.append(f"{key} = {text!r} is not a date and is ignored")
+            cards.warn(f"{key} = {text!r} is not a date and is ignored")
             return None
         if not isinstance(when, datetime):
             when, source = _with_time(cards, when, source)
@@ -164,21 +163,34 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
             when, source = _with_time(cards, when.date(), source)
             when = when if isinstance(when, datetime) else datetime(when.year, when.month, when.day)
         if when.year < _FIRST_DETECTOR:
-            cards.warnings.append(f"{key} = {text!r} is read as a date of {when.year}")
+            cards.warn(f"{key} = {text!r} is read as a date of {when.year}")
     else:
         number, precision = cards.number(key), "milliseconds"
         if number is None:
             return None
         days = number.value - _JULIAN if key == "JD" else number.value
         if not _FIRST_MJD < days < 200000:
-            cards.warnings.append(f"{key} = {number.value:g} is not a date and is ignored")
+            cards.warn(f"{number.said} is not a date and is ignored")
             return None
         when = MJD_EPOCH + timedelta(days=days)
     if _LOCAL.search(comment) and not _IN_UTC.search(comment):
-        cards.warnings.append(f"{key} is local time by its comment {comment!r}; it is left as written")
+        cards.warn(f"{key} is local time by its comment {comment!r}; it is left as written")
     if (late := _LATE.search(comment)) and not _BEGIN.search(comment) and not key.endswith("AVG"):
-        cards.warnings.append(f"{key} is not the beginning by its comment ({late[0]!r}); it is taken for it")
-    return _in_utc(cards, when, source, precision)
+        cards.warn(f"{key} is not the beginning by its comment ({late[0]!r}); it is taken for it")
+    # to UTC by the header's time scale; a date alone is left as written
+    offset = cards.number("TIMEOFFS")
+    if offset is not None and offset.value:
+        cards.warn(f"{offset.said} is not added to the time")
+    system = cards.text("TIMESYS").upper().partition("(")[0].strip()
+    if system in _SCALES and isinstance(when, datetime):
+        from astropy.time import Time  # 0.2 s, and few headers need it
+
+        when = Time(when, scale=_SCALES[system]).utc.to_datetime(leap_second_strict="silent")
+        source = f"{source} less {system} - UTC"
+    elif system not in ("", "UTC", "UT", "GMT"):
+        cards.warn(f"TIMESYS = {system!r} is not UTC; the time is left as written")
+    text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
+    return Sourced(text, "UTC", source)
 
 
 def _parse(text: str) -> Any:
@@ -216,26 +228,8 @@ def _with_time(cards: Cards, day: Any, source: str) -> tuple[Any, str]:
         if whole is not None:
             return whole, source.replace(" (HDU", f" and {key} (HDU")
         if text:
-            cards.warnings.append(f"{key} = {text!r} is not a time of day and is ignored")
+            cards.warn(f"{key} = {text!r} is not a time of day and is ignored")
     return day, source
-
-
-def _in_utc(cards: Cards, when: Any, source: str, precision: str) -> Sourced:
-    """Convert to UTC by the header's time scale; a date alone is left as written."""
-    offset = cards.number("TIMEOFFS")
-    if offset is not None and offset.value:
-        cards.warnings.append(f"TIMEOFFS = {offset.value:g} is not added to the time")
-    system = cards.text("TIMESYS").upper().partition("(")[0].strip()
-    if system not in ("", "UTC", "UT", "GMT"):
-        if system in _SCALES and isinstance(when, datetime):
-            from astropy.time import Time  # 0.2 s, and few headers need it
-
-            when = Time(when, scale=_SCALES[system]).utc.to_datetime(leap_second_strict="silent")
-            source = f"{source} less {system} - UTC"
-        else:
-            cards.warnings.append(f"TIMESYS = {system!r} is not UTC; the time is left as written")
-    text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
-    return Sourced(text, "UTC", source)
 
 
 def epoch_seconds(text: str) -> float:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, lru_cache, partial
 
 #: Units of pixel values that a detector converts; the exposure turns the rates into counts.
@@ -276,11 +276,7 @@ def stated_unit(name: str, comment: str, default: float | str) -> str | None:
         end = re.search(ending, comment, re.I)
         if end and meaning(end[1]):
             return end[1]
-    return _only_other_units(comment, meaning, default)
-
-
-def _only_other_units(comment: str, meaning: Callable[[str], object], default: float | str) -> str | None:
-    """The comment where it mentions units, and not the one that is meant by default."""
+    # the comment where it mentions units, and not the one that is meant by default
     comment = _LENGTH.sub("", comment)
     words = [word for word in re.findall(r"[^\s,;:()]+", comment) if len(word) > 1]
     mentioned = {meaning(word) for word in words} - {None}

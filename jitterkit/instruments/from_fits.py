@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from jitterkit.frames.sidecar import toml_text
 from jitterkit.frames.writer import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
-from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
+from jitterkit.instruments.pupils import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import LIGHT, Spectrum, flat_band
 
 Tables = dict[str, dict[str, Any]]
@@ -65,7 +65,7 @@ def instrument_from_fits(
     wavelength : float, optional
         nm, of a pupil's light, in place of a band.
     opd, opd_unit, plane, diameter
-        Of a pupil: see :func:`~jitterkit.instruments.pupil_fits.pupil_arrays`.
+        Of a pupil: see :func:`~jitterkit.instruments.pupils.pupil_arrays`.
     noll : sequence of int
         Of a pupil: the aberrations that may vary, on the circle about its lit samples.
     overwrite : bool
@@ -90,51 +90,41 @@ def instrument_from_fits(
     if not images:
         raise FrameError(ErrorCode.NO_IMAGE, path, "holds no image", "give a PSF or a pupil")
     of_psf = {"hdu": hdu, "centre": centre, "jittered": jittered or None}
-    of_pupil = {
-        "band": band,
-        "wavelength": wavelength,
-        "opd": opd,
-        "opd_unit": opd_unit,
-        "plane": plane,
-        "diameter": diameter,
-        "noll": noll or None,
-    }
-    if _kind(path, images, kind) == "psf":
-        _refuse_others(path, "psf", of_pupil)
-        psf = effective_psf(path, images, hdu=hdu, plate_scale=plate_scale, centre=centre, jittered=jittered)
-        return _write_psf(output, psf, _name(images, path), shape, _source(path, images), overwrite)
-    _refuse_others(path, "pupil", of_psf)
-    second = None if opd is None else (Path(opd), read_images(Path(opd))[0])
-    arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
-    light = _light(path, images, band, wavelength)
-    if plate_scale is None:
-        problem = f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel."
-        raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
-    head: dict[str, Any] = {"name": _name(images, path), "plate_scale": plate_scale}
-    if shape is not None:
-        head["shape"] = list(shape)
-    return _write_pupil(output, arrays, head, light, noll, _source(path, images), overwrite)
-
-
-def _kind(path: Path, images: Sequence[NamedImage], kind: str | None) -> str:
-    known = is_pupil(images) if kind is None else kind == "pupil"
-    if known is None or kind not in (None, "psf", "pupil"):
+    of_light = {"band": band, "wavelength": wavelength}
+    of_wavefront = {"opd": opd, "opd_unit": opd_unit, "plane": plane}
+    of_pupil = of_light | of_wavefront | {"diameter": diameter, "noll": noll or None}
+    holds_pupil = is_pupil(images) if kind is None else kind == "pupil"
+    if holds_pupil is None or kind not in (None, "psf", "pupil"):
         code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
         problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
         raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
-    return "pupil" if known else "psf"
-
-
-def _refuse_others(path: Path, kind: str, others: Mapping[str, Any]) -> None:
-    for name, value in others.items():
+    kind, others = ("pupil", of_psf) if holds_pupil else ("psf", of_pupil)
+    for key, value in others.items():
         if value is not None:
-            problem = f"{path}: {name} = {value!r} does not go with a {kind}; leave it out."
+            problem = f"{path}: {key} = {value!r} does not go with a {kind}; leave it out."
             raise ConfigurationError(ErrorCode.CONFLICT, problem)
-
-
-def _name(images: Sequence[NamedImage], path: Path) -> str:
     names = [str(images[0].header.get(key, "")).strip() for key in ("INSTRUME", "FILTER")]
-    return " ".join(filter(None, names)) or path.name.partition(".")[0]
+    name = " ".join(filter(None, names)) or path.name.partition(".")[0]
+    if not holds_pupil:
+        psf = effective_psf(path, images, hdu=hdu, plate_scale=plate_scale, centre=centre, jittered=jittered)
+        file = output.with_name(f"{output.stem}-psf.fits")
+        tables, remarks = _write_psf(file, psf, name, shape, overwrite)
+    else:
+        second = None if opd is None else (Path(opd), read_images(Path(opd))[0])
+        arrays = pupil_arrays(path, images, second, diameter=diameter, opd_unit=opd_unit, plane=plane)
+        light = _light(path, images, band, wavelength)
+        if plate_scale is None:
+            problem = (
+                f"{path}: a pupil does not say how wide a pixel is; give --plate-scale, in arcsec/pixel."
+            )
+            raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
+        head: dict[str, Any] = {"name": name, "plate_scale": plate_scale}
+        head |= {} if shape is None else {"shape": list(shape)}
+        file = output.with_name(f"{output.stem}-pupil.npz")
+        tables, remarks = _write_pupil(file, arrays, head, light, noll, overwrite)
+    with replacing(output, overwrite) as temporary:
+        temporary.write_text(toml_text(tables, *_source(path, images)), encoding="utf-8")
+    return [*remarks, f"wrote {file}", f"wrote {output}"]
 
 
 def _source(path: Path, images: Sequence[NamedImage]) -> list[str]:
@@ -169,81 +159,55 @@ def _light(
 
 
 def _write_psf(
-    output: Path,
-    psf: EffectivePsf,
-    name: str,
-    shape: tuple[int, int] | None,
-    comments: list[str],
-    overwrite: bool,
-) -> list[str]:
+    file: Path, psf: EffectivePsf, name: str, shape: tuple[int, int] | None, overwrite: bool
+) -> tuple[Tables, list[str]]:
+    """Write a PSF; return the tables of the instrument file, and remarks."""
     shape = tuple(max(1, n // 2) for n in psf.width) if shape is None else shape  # type: ignore[assignment]
     assert shape is not None
-    file = output.with_name(f"{output.stem}-psf.fits")
     options: dict[str, Any] = {"oversample": psf.oversample, "centre": list(psf.centre)}
     if psf.enclosed is not None:
         options["enclosed"] = psf.enclosed
     Instrument(name, psf.plate_scale, shape, psf_from=psf.pixels, psf_options=options).system()
     write_fits(file, psf.pixels, header={"OVERSAMP": psf.oversample}, overwrite=overwrite)
     head = {"name": name, "plate_scale": psf.plate_scale, "shape": list(shape)}
-    tables: Tables = {"instrument": head, "psf": {"file": file.name, **options}}
-    _write(output, comments, tables, overwrite)
     x, y = psf.offset
     light = "" if psf.enclosed is None else f", which holds {psf.enclosed:.2%} of the light"
-    return [
-        f"HDU {psf.hdu} {psf.name}: {psf.plate_scale:.6g} arcsec/pixel, "
-        f"{psf.width[1]} x {psf.width[0]} pixels"
-        f"{light}",
+    size = f"{psf.plate_scale:.6g} arcsec/pixel, {psf.width[1]} x {psf.width[0]} pixels"
+    return {"instrument": head, "psf": {"file": file.name, **options}}, [
+        f"HDU {psf.hdu} {psf.name}: {size}{light}",
         f"the light's centroid lies ({x:+.4g}, {y:+.4g}) arcsec from the axis, which is sample "
         f"({psf.centre[0]:g}, {psf.centre[1]:g}) of {file.name}",
         f"shape = {list(shape)} is fitted",
-        f"wrote {file}",
-        f"wrote {output}",
     ]
 
 
 def _write_pupil(
-    output: Path,
+    file: Path,
     arrays: tuple[np.ndarray, np.ndarray, float],
     head: dict[str, Any],
     light: dict[str, Any],
     noll: Sequence[int],
-    comments: list[str],
     overwrite: bool,
-) -> list[str]:
-    from jitterkit.optics.pupil import Pupil
+) -> tuple[Tables, list[str]]:
+    """Write a pupil; return the tables of the instrument file, and remarks."""
+    from jitterkit.conventions import offsets
+    from jitterkit.optics.pupil import Pupil, zernike
     from jitterkit.optics.pupil_file import write_pupil
 
     transmission, opd, width = arrays
-    pupil = Pupil(transmission, width, opd, _modes(transmission, noll), [f"noll{j}" for j in noll])
+    # modes on the smallest circle about the array's centre that holds all lit samples
+    axis = offsets(len(transmission), 1.0)
+    x, y = np.meshgrid(axis, axis)
+    radius = np.hypot(x, y)[transmission > 0].max(initial=1.0) + 0.5
+    modes = np.array([zernike(j, x / radius, y / radius) for j in noll]).reshape(-1, *transmission.shape)
+    pupil = Pupil(transmission, width, opd, modes, [f"noll{j}" for j in noll])
     spectrum = flat_band(*light["band"]) if "band" in light else Spectrum(tuple(light["lines"]), (1.0,))
-    file = output.with_name(f"{output.stem}-pupil.npz")
     shape = tuple(head.get("shape", (128, 128)))
     Instrument(head["name"], head["plate_scale"], shape, spectrum=spectrum, pupil_from=pupil).system()
     with replacing(file, overwrite) as temporary:
         write_pupil(temporary, pupil)
-    tables: Tables = {"instrument": head, "telescope": {"pupil": file.name}, "spectrum": light}
-    _write(output, comments, tables, overwrite)
     lit = transmission > 0
     rms = float(np.std(opd[lit])) if lit.any() else 0.0
-    return [
-        f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide, "
-        f"{pupil.cutoff_diameter:.4g} m lit, wavefront error {rms:.4g} nm rms",
-        f"wrote {file}",
-        f"wrote {output}",
-    ]
-
-
-def _modes(transmission: np.ndarray, noll: Sequence[int]) -> np.ndarray:
-    """Zernike modes (k, n, n) on the smallest circle about the array's centre that holds all lit samples."""
-    from jitterkit.conventions import offsets
-    from jitterkit.optics.pupil import zernike
-
-    axis = offsets(len(transmission), 1.0)
-    x, y = np.meshgrid(axis, axis)
-    radius = np.hypot(x, y)[transmission > 0].max(initial=1.0) + 0.5
-    return np.array([zernike(j, x / radius, y / radius) for j in noll]).reshape(-1, *transmission.shape)
-
-
-def _write(output: Path, comments: list[str], tables: Tables, overwrite: bool) -> None:
-    with replacing(output, overwrite) as temporary:
-        temporary.write_text(toml_text(tables, *comments), encoding="utf-8")
+    size = f"{len(transmission)} x {len(transmission)} samples, {width:.6g} m wide"
+    remark = f"{size}, {pupil.cutoff_diameter:.4g} m lit, wavefront error {rms:.4g} nm rms"
+    return {"instrument": head, "telescope": {"pupil": file.name}, "spectrum": light}, [remark]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jitterkit.detectors import Detector, detector_preset
 from jitterkit.detectors.detector import sourced_detector
@@ -68,16 +68,8 @@ def toliman_paper() -> Instrument:
     """TOLIMAN as in the paper: four times the photons, one spectrum, Noll 4 to 10, an ideal detector."""
     words = "preset toliman-paper (an ideal detector)"
     ideal = Detector(gain=1.0, read_noise=0.0, bias=0.0, sources=dict.fromkeys(_NUMBERS, words))
-    sources = dict.fromkeys(_QUANTITIES, "preset toliman-paper")
-    return replace(
-        toliman(),
-        name="toliman-paper",
-        flux=PAPER_PHOTONS,
-        detector=ideal,
-        colours=None,
-        pupil_from=partial(pupils.toliman, highest=10),
-        sources=sources,
-    )
+    pupil = partial(pupils.toliman, highest=10)
+    return _variant("toliman-paper", flux=PAPER_PHOTONS, detector=ideal, colours=None, pupil_from=pupil)
 
 
 def smallsat() -> Instrument:
@@ -86,15 +78,8 @@ def smallsat() -> Instrument:
     Everything else is TOLIMAN's, but the light of a star falls on a few pixels, so the scene is
     fainter: the brightest pixel of a sharp frame holds two thirds of the well.
     """
-    return replace(
-        toliman(),
-        name="smallsat",
-        pupil_from=partial(pupils.plain, 0.125, 0.04, struts=3, strut_width=0.002),
-        colours=Colours(),
-        flux=1.3e5,
-        detector=_imx183("smallsat"),
-        sources=dict.fromkeys(_QUANTITIES, "preset smallsat"),
-    )
+    pupil, detector = partial(pupils.plain, 0.125, 0.04, struts=3, strut_width=0.002), _imx183("smallsat")
+    return _variant("smallsat", pupil_from=pupil, colours=Colours(), flux=1.3e5, detector=detector)
 
 
 def toliman_camera() -> Instrument:
@@ -102,12 +87,7 @@ def toliman_camera() -> Instrument:
 
     See :mod:`jitterkit.detectors.detector`.  The brightest pixel of a sharp frame is just full.
     """
-    return replace(
-        toliman(),
-        name="toliman-camera",
-        detector=detector_preset("imx183"),
-        sources=dict.fromkeys(_QUANTITIES, "preset toliman-camera"),
-    )
+    return _variant("toliman-camera", detector=detector_preset("imx183"))
 
 
 def jwst() -> Instrument:
@@ -201,6 +181,11 @@ def _observatory(
         sources=sources,
         **{key: value for key, (value, _) in numbers.items()},  # type: ignore[arg-type]
     )
+
+
+def _variant(name: str, **changes: Any) -> Instrument:
+    """Return TOLIMAN with some numbers changed, all of them those of another preset."""
+    return replace(toliman(), name=name, sources=dict.fromkeys(_QUANTITIES, f"preset {name}"), **changes)
 
 
 def _imx183(name: str) -> Detector:

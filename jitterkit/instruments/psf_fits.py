@@ -121,11 +121,9 @@ def effective_psf(
     binned = image.name.startswith("DET_") or "CALCSAMP" in image.header
     scale, samples = (pitch, 1) if binned else _detector(path, image, images, pitch, plate_scale)
     if plate_scale is not None and abs(scale / plate_scale - 1) > 1e-3:
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{path}: HDU {image.hdu} has pixels of {scale:.6g} arcsec (PIXELSCL), not --plate-scale "
-            f"{plate_scale:g}; leave it out, or choose an oversampled image with --hdu.",
-        )
+        problem = f"{path}: HDU {image.hdu} has pixels of {scale:.6g} arcsec (PIXELSCL), not --plate-scale"
+        remedy = "leave it out, or choose an oversampled image with --hdu"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem} {plate_scale:g}; {remedy}.")
     axis = _axis(image, pitch) if centre is None else centre
     rows, columns = np.indices(image.pixels.shape)
     total = image.pixels.sum()
@@ -135,6 +133,9 @@ def effective_psf(
     check_star(path, image.pixels)
     step = samples // kept
     thinned = whole[::step, ::step]
+    # the share of the light inside the image is its sum, where the light at a pupil is one
+    enclosed, kind = float(thinned.sum() * step**2), str(_card(image, images[0], "NORMALIZ") or "").strip()
+    is_share = kind.lower() in ("first", "exit_pupil") and enclosed < 1.001
     return EffectivePsf(
         thinned,
         image.hdu,
@@ -143,7 +144,7 @@ def effective_psf(
         kept,
         (axis[0] / step, axis[1] / step),
         ((mean[0] - axis[0]) * pitch, (mean[1] - axis[1]) * pitch),
-        _enclosed(image, images[0], float(thinned.sum() * step**2)),
+        min(enclosed, 1.0) if is_share else None,
     )
 
 
@@ -167,20 +168,17 @@ def _check(path: Path, image: NamedImage, primary: NamedImage, jittered: bool) -
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     missing = np.count_nonzero(~np.isfinite(pixels))
     if missing or not pixels.sum() > 0:
-        raise ConfigurationError(
-            ErrorCode.OUT_OF_RANGE,
-            f"{path}: HDU {image.hdu} has {missing} pixels without a value and a sum of "
-            f"{np.nansum(pixels):.4g}; a PSF has none, and a positive sum.",
-        )
+        total = f"a sum of {np.nansum(pixels):.4g}"
+        problem = f"{path}: HDU {image.hdu} has {missing} pixels without a value and {total}"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; a PSF has none, and a positive sum.")
     kind = _card(image, primary, "JITRTYPE")
     if kind is not None and not str(kind).strip().lower().startswith("none") and not jittered:
         size = _card(image, primary, "JITRSIGM")
         detail = f" of {size} arcsec per axis (JITRSIGM)" if size is not None else ""
-        raise ConfigurationError(
-            ErrorCode.CONFLICT,
-            f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{detail}, so that fits would find "
-            "only what is beyond it; compute it with options['jitter'] = None, or allow it with --jittered.",
-        )
+        problem = f"{path}: the PSF holds jitter already, {str(kind).strip()!r}{detail}"
+        found = "so that fits would find only what is beyond it"
+        remedy = "compute it with options['jitter'] = None, or allow it with --jittered"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, {found}; {remedy}.")
 
 
 def _card(image: NamedImage, primary: NamedImage, key: str) -> Any:
@@ -212,11 +210,9 @@ def _detector(
         # poppy's OpticalSystem.calc_psf writes the oversampling of its wavefront into both cards
         samples = None
     if samples is None:
-        raise ConfigurationError(
-            ErrorCode.MISSING_VALUE,
-            f"{path}: HDU {image.hdu} has samples of {pitch:.6g} arcsec (PIXELSCL) but does not say how wide "
-            "a pixel of the detector is; give --plate-scale, in arcsec/pixel.",
-        )
+        problem = f"{path}: HDU {image.hdu} has samples of {pitch:.6g} arcsec (PIXELSCL)"
+        remedy = "but does not say how wide a pixel of the detector is; give --plate-scale, in arcsec/pixel"
+        raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem} {remedy}.")
     whole = round(samples)
     if whole < 1 or abs(samples / whole - 1) > 1e-3:
         problem = f"{path}: a pixel is {samples:.6g} samples of {pitch:.6g} arcsec (PIXELSCL) wide"
@@ -262,20 +258,12 @@ def _fewest(path: Path, image: NamedImage, whole: np.ndarray, samples: int) -> i
     reach = np.maximum(np.abs(fy), fx)
     contrast = np.abs(fft.rfft2(image.pixels)) / image.pixels.sum()
     if contrast[reach > 0.48].max(initial=0.0) > _UNDERSAMPLED:
-        raise ConfigurationError(
-            ErrorCode.SAMPLING,
-            f"{path}: HDU {image.hdu} undersamples the optics: the contrast at its Nyquist frequency is "
-            f"{contrast[reach > 0.48].max():.2g}; compute the PSF with a larger oversample, or choose an "
-            "oversampled image with --hdu.",
-        )
+        found = f"the contrast at its Nyquist frequency is {contrast[reach > 0.48].max():.2g}"
+        remedy = "compute the PSF with a larger oversample, or choose an oversampled image with --hdu"
+        problem = f"{path}: HDU {image.hdu} undersamples the optics: {found}"
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     contrast = np.abs(fft.rfft2(whole)) / whole.sum()
     for kept in (n for n in range(1, samples) if samples % n == 0):
         if contrast[reach > 0.5 * kept / samples].max(initial=0.0) < _ALIASED:
             return kept
     return samples
-
-
-def _enclosed(image: NamedImage, primary: NamedImage, total: float) -> float | None:
-    """Return the share of the light inside the image: its sum, where the light at a pupil is one."""
-    kind = str(_card(image, primary, "NORMALIZ") or "").strip().lower()
-    return min(total, 1.0) if kind in ("first", "exit_pupil") and total < 1.001 else None

@@ -16,17 +16,9 @@ from jitterkit.frames.scale import VA_INCLUDED
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments.instrument import Instrument
 
-_NOT_COMPUTED = (
-    "velocity aberration is not computed: the plate scale is the WCS's, which holds it if it was solved with "
-    "stars; give --plate-scale"
-)
-
+_MAY_BE_HELD = "the plate scale is the WCS's, which holds it if it was solved with stars"
 _MEASURED, _NOMINAL = 0.01, 0.1
 """Relative differences up to which a plate scale, and exposure, bias or a scale by focal length, agree."""
-
-_MAY_BE_HELD = (
-    "the plate scale is the WCS's, which holds it if it was solved with stars; else give --plate-scale"
-)
 
 
 def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] | None = None) -> RawFrame:
@@ -66,10 +58,21 @@ def resolve(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any] 
     for name in ("plate_scale", "exposure"):
         metadata = supplement(metadata, name, getattr(instrument, name), instrument.source(name))
         metadata = metadata.warn(*_contradiction(name, getattr(raw.metadata, name), getattr(metadata, name)))
-    metadata = _with_scale_error(metadata, raw.metadata, instrument)
+    own, used = raw.metadata, metadata.plate_scale
+    stated, scale = own.plate_scale_err, own.value("plate_scale", instrument.plate_scale)
+    if metadata.plate_scale_err is stated:  # else it was overridden, together with the scale
+        if stated is None and instrument.plate_scale_err is not None:
+            unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
+            stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
+        if stated is not None and used is not None:
+            is_its = abs(used.value / scale - 1) <= stated.value
+            metadata = replace(metadata, plate_scale_err=stated if is_its else None)
+            said = f"the plate scale of {used.value:.9g} arcsec/pixel ({used.source}) has no stated error"
+            found = f"{stated.value:g} ({stated.source}) is that of {scale:.9g} arcsec/pixel"
+            metadata = metadata if is_its else metadata.warn(f"{said}: {found}")
     metadata = _with_corrections(metadata, instrument, raw)
     metadata = instrument.detector.inform(metadata)
-    metadata = metadata.warn(*_contradiction("bias", raw.metadata.bias, metadata.bias))
+    metadata = metadata.warn(*_contradiction("bias", own.bias, metadata.bias))
     return with_a_star(raw.with_metadata(metadata))
 
 
@@ -80,28 +83,8 @@ def _contradiction(name: str, own: Sourced | None, used: Sourced | None) -> list
     nominal = name in ("exposure", "bias") or "FOCALLEN" in own.source
     if abs(own.value - used.value) <= (_NOMINAL if nominal else _MEASURED) * max(own.value, used.value):
         return []
-    return [
-        f"{own.source} = {own.value:g} contradicts {used.source} = {used.value:g} {used.unit}, which is used"
-    ]
-
-
-def _with_scale_error(metadata: Metadata, own: Metadata, instrument: Instrument) -> Metadata:
-    """Add the error that a frame's own metadata or else the instrument states of its plate scale."""
-    stated, scale = own.plate_scale_err, own.value("plate_scale", instrument.plate_scale)
-    if metadata.plate_scale_err is not stated:  # overridden together with the scale
-        return metadata
-    if stated is None and instrument.plate_scale_err is not None:
-        unit, source = QUANTITIES["plate_scale_err"].unit, instrument.source("plate_scale_err")
-        stated, scale = Sourced(instrument.plate_scale_err, unit, source), instrument.plate_scale
-    used = metadata.plate_scale
-    if stated is None or used is None:
-        return metadata
-    if abs(used.value / scale - 1) <= stated.value:
-        return replace(metadata, plate_scale_err=stated)
-    return replace(metadata, plate_scale_err=None).warn(
-        f"the plate scale of {used.value:.9g} arcsec/pixel ({used.source}) has no stated error: "
-        f"{stated.value:g} ({stated.source}) is that of {scale:.9g} arcsec/pixel"
-    )
+    found = f"{used.source} = {used.value:g} {used.unit}, which is used"
+    return [f"{own.source} = {own.value:g} contradicts {found}"]
 
 
 def _with_corrections(metadata: Metadata, instrument: Instrument, raw: RawFrame) -> Metadata:
@@ -118,19 +101,20 @@ def _with_corrections(metadata: Metadata, instrument: Instrument, raw: RawFrame)
             exposures = index * raw.several + 0.5 * (not average)  # until the middle of this frame's
             when = epoch_seconds(known.value) + exposures * metadata.value("exposure", 0.0)
         solved = scale.startswith("header WCS")
-        if sky.needs_time and math.isnan(when):
-            metadata = metadata.warn(
-                "there is no time of day: corrections of [sky] that depend on it are empty"
-            )
+        if math.isnan(when) and (sky.velocity == "earth" or sky.orbit_rate is not None):
+            said = "there is no time of day: corrections of [sky] that depend on it are empty"
+            metadata = metadata.warn(said)
         factor = sky.va_factor(when) if metadata.va_factor is None else None
         if solved and factor is not None:
-            metadata, factor = metadata.warn(_NOT_COMPUTED), None
+            said = f"velocity aberration is not computed: {_MAY_BE_HELD}; give --plate-scale"
+            metadata, factor = metadata.warn(said), None
         metadata = metadata.fill(source, va_factor=factor, orbit_change=sky.orbit_change(when))
     known = metadata.va_factor
     if known is None or known.value == 1:
         return metadata
     if not scale.endswith(VA_INCLUDED):
         solved = scale.startswith("header WCS") and known.source.startswith("header")
-        return metadata.warn(f"{known.source} is applied, but {_MAY_BE_HELD}") if solved else metadata
+        said = f"{known.source} is applied, but {_MAY_BE_HELD}; else give --plate-scale"
+        return metadata.warn(said) if solved else metadata
     included = f"{known.source} = {known.value:.9g}, which the WCS's scale includes"
     return metadata.override(included, va_factor=1.0)

@@ -89,7 +89,7 @@ class Section:
 
     def text(self, key: str, default: Any = None) -> Any:
         """Return a text."""
-        return self._typed(key, default, lambda v: isinstance(v, str), "give a text in quotation marks")
+        return self._typed(key, default, _is_text, "give a text in quotation marks")
 
     def truth(self, key: str) -> bool | None:
         """Return true or false, or None."""
@@ -97,19 +97,15 @@ class Section:
 
     def texts(self, key: str) -> tuple[str, ...] | None:
         """Return different texts of a list, or None."""
-        value = self.values.get(key)
-        is_list = isinstance(value, list) and all(isinstance(v, str) for v in value)
-        if key in self.values and not (is_list and len(set(value)) == len(value)):  # type: ignore[arg-type]
-            self.refuse(_of_list(is_list), key, "give a list of different texts in quotation marks")
-        return tuple(value) if value is not None else None
+        if key not in self.values:
+            return None
+        remedy = "give a list of different texts in quotation marks"
+        return tuple(self._list(key, _is_text, lambda v: len(set(v)) == len(v), remedy))
 
     def numbers(self, key: str, count: int | None = None) -> list[float]:
         """Return a list of numbers, of a given length if there is one."""
-        value = self.values[key]
-        is_list = isinstance(value, list) and all(map(_is_number, value))
-        if not is_list or not value or (count is not None and len(value) != count):
-            wanted = "a list of" if count is None else f"[{count}]"
-            self.refuse(_of_list(is_list), key, f"give {wanted} numbers, in {self.units[key]}")
+        remedy = f"give {'a list of' if count is None else f'[{count}]'} numbers, in {self.units[key]}"
+        value = self._list(key, _is_number, lambda v: v and count in (None, len(v)), remedy)
         return [self._finite(key, v) for v in value]
 
     def number_or_path(self, key: str, what: str) -> float | Path:
@@ -125,10 +121,14 @@ class Section:
 
     def whole_numbers(self, key: str, count: int | None, what: str) -> list[int]:
         """Return a list of whole numbers, of a given length if there is one; it may be empty otherwise."""
+        return self._list(key, _is_whole, lambda v: count in (None, len(v)), f"give {what}")
+
+    def _list(self, key: str, is_typed: Callable, is_right: Callable, remedy: str) -> list[Any]:
+        """Return a list whose values are of a type, and that is right as a whole."""
         value = self.values[key]
-        is_list = isinstance(value, list) and all(map(_is_whole, value))
-        if not is_list or (count is not None and len(value) != count):
-            self.refuse(_of_list(is_list), key, f"give {what}")
+        is_list = isinstance(value, list) and all(map(is_typed, value))
+        if not is_list or not is_right(value):
+            self.refuse(ErrorCode.WRONG_SHAPE if is_list else ErrorCode.WRONG_TYPE, key, remedy)
         return value
 
     def path(self, key: str) -> Path:
@@ -157,6 +157,5 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _of_list(is_list: bool) -> ErrorCode:
-    """Return the code of a wrong value for a list of numbers: wrong length, or not a list."""
-    return ErrorCode.WRONG_SHAPE if is_list else ErrorCode.WRONG_TYPE
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)

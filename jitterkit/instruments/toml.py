@@ -232,11 +232,6 @@ def _telescope(section: Section) -> dict[str, Any]:
             section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")
         return {"pupil_from": partial(pupils.from_file, section.path("pupil"), diameter), "psf_from": None}
     section.require("diameter", "give it, in m, or a pupil file")
-    options = _plain_options(section, diameter)
-    return {"pupil_from": partial(pupils.plain, diameter, **options), "psf_from": None}
-
-
-def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
     options: dict[str, Any] = {
         "obscuration": section.number("obscuration", 0.0),
         "struts": section.integer("struts", 0),
@@ -258,7 +253,7 @@ def _plain_options(section: Section, diameter: float) -> dict[str, Any]:
         if too_low or len(set(options["noll"])) < len(options["noll"]):
             code = ErrorCode.OUT_OF_RANGE if too_low else ErrorCode.DUPLICATE
             section.refuse(code, "noll", "give each of Noll's indices once, from 2")
-    return options
+    return {"pupil_from": partial(pupils.plain, diameter, **options), "psf_from": None}
 
 
 def _psf(section: Section) -> dict[str, Any]:

@@ -144,7 +144,10 @@ def fit_floor(
     chosen, unit = both if walk else flicker, model.unit
     ratio = max(0.0, 2 * (flicker.log_likelihood - white.log_likelihood))
     p_value = _chance(ratio)
-    amounts, errors = _roots(chosen, unit)
+    # the levels of the three noises, and their errors; NaN of those at zero or held
+    amounts, variances = np.sqrt(unit * chosen.amounts), np.sqrt(np.diag(chosen.covariance)) * unit
+    pairs = zip(amounts, variances, strict=True)
+    errors = [float(e / (2 * x)) if x > 0 and e > 0 else math.nan for x, e in pairs]
     return Floor(
         floor=float(amounts[1]),
         error=_CORRELATED * errors[1],
@@ -169,13 +172,6 @@ def _chance(ratio: float) -> float:
     return 1.0 if ratio < _NOTHING else float(chi2.sf(ratio, 1)) / 2
 
 
-def _roots(fit: Components, unit: float) -> tuple[np.ndarray, list[float]]:
-    """Return the levels of the three noises, and their errors; NaN of those at zero or held."""
-    levels, errors = np.sqrt(unit * fit.amounts), np.sqrt(np.diag(fit.covariance)) * unit
-    pairs = zip(levels, errors, strict=True)
-    return levels, [float(e / (2 * x)) if x > 0 and e > 0 else math.nan for x, e in pairs]
-
-
 class _Model:
     """Haar coefficients and the variances that may be in them, counted in the white variance of a step."""
 
@@ -188,13 +184,7 @@ class _Model:
     def fit(self, flicker: bool, walk: bool) -> Components:
         """Fit white noise and some red ones, from the best of a grid of amounts."""
         free = np.array([self.free_white, flicker, walk])
-        return self._fit(self._start(free), free)
-
-    def _fit(self, start: np.ndarray, free: np.ndarray) -> Components:
-        return fit_components(self.haar.values, self.haar.trend, self.shapes, start, free)
-
-    def _start(self, free: np.ndarray) -> np.ndarray:
-        """The amounts that describe the mean squares of octaves best, about the trend under white noise."""
+        # from those that describe the mean squares of octaves best, about the trend under white noise
         tries = [_RATIOS if one else np.zeros(1) for one in free[1:]]
         red = np.stack(np.meshgrid(*tries, indexing="ij"), axis=-1).reshape(-1, 2)
         amounts = np.concatenate([np.ones((len(red), 1)), red], axis=1)
@@ -203,7 +193,10 @@ class _Model:
         if self.free_white:
             factor = ((squares / variance) @ count / count.sum())[:, None]
             amounts, variance = amounts * factor, variance * factor
-        return amounts[np.argmin((np.log(variance) + squares / variance) @ count)]
+        return self._fit(amounts[np.argmin((np.log(variance) + squares / variance) @ count)], free)
+
+    def _fit(self, start: np.ndarray, free: np.ndarray) -> Components:
+        return fit_components(self.haar.values, self.haar.trend, self.shapes, start, free)
 
     @cached_property
     def _octaves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

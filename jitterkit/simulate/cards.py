@@ -8,15 +8,14 @@ written as ``JITRTYPE`` and ``JITRSIGM``, which stpsf and poppy use, and as ``JI
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.loci import Locus, Mvn, jitter_cards, locus_name
-from jitterkit.scene import Scene
-from jitterkit.shutter import Drifting, Shutter
+from jitterkit.loci import Mvn, jitter_cards, locus_name
+from jitterkit.shutter import Drifting
 from jitterkit.simulate.frames import Simulated
 
 Cards = dict[str, tuple[Any, str]]
@@ -77,13 +76,33 @@ def truth_cards(simulated: Simulated, seed: int | None = None) -> Cards:
     truth = simulated.truth
     shutter = truth.shutter
     locus = truth.locus if shutter is None else shutter.completed(truth.locus)
-    cards = {**_scene_cards(truth.scene), **_jitter_cards(locus)}
+    cards: Cards = {}
+    for name, value in truth.scene.values.items():
+        kind, _, number = (name, "", "") if name in _SCENE else name.partition("_")
+        keyword, comment = _SCENE[kind]
+        if number:
+            keyword, comment = f"{keyword[:6]}{number}", f"{comment}, star {number}"
+        cards[keyword] = (value, comment)
+    cards["TRULOCUS"] = (locus_name(locus), "true jitter locus")
+    sizes = locus.describe()
+    others = [size for size in sizes if size not in _SIZES]
+    numbered = {size: (f"TRUJ{k}", f"true {size}") for k, size in enumerate(others, start=1)}
+    for size, value in sizes.items():
+        keyword, comment = {**_SIZES, **numbered}[size]
+        cards[keyword] = (float(value), comment)
+    moments = [float(value) for value in np.asarray(locus.moments())]
+    for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
+        cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
+    cards |= jitter_cards(moments, normal=isinstance(locus, Mvn))
     for k, (name, value) in enumerate(zip(simulated.aberrations, np.asarray(truth.aberrations), strict=True)):
         keyword = f"TRUN{name[4:]}" if name.startswith("noll") else f"TRUA{k}"
         cards[keyword] = (float(value), f"[nm] true {name}")
     cards["TRUBKG"] = (float(truth.background), "[electron/pixel] true background")
     if shutter is not None:
-        cards |= _shutter_cards(shutter)
+        cards["TRULINE"] = (float(shutter.line_time), "[s] true, from a row to the one above it")
+    if isinstance(shutter, Drifting):
+        for axis, value in zip("XY", shutter.velocity, strict=True):
+            cards[f"TRUV{axis}"] = (float(value), f"[arcsec/s] true drift of the image along {axis.lower()}")
     if seed is not None:
         cards["TRUSEED"] = (seed, "seed of the noise")
     return cards
@@ -121,7 +140,10 @@ def fits_header(
     for name, value in _numbers(frames[0]).items():
         keyword, comment = _NUMBERS[name]
         cards[keyword] = (value, comment)
-    return {**cards, **_merged([truth_cards(frame, seed) for frame in frames])}
+    for keyword, values, comment in _truths(frames, seed):
+        several = len(values) > 1
+        cards |= {f"{keyword} {k}" if several else keyword: (v, comment) for k, v in enumerate(values)}
+    return cards
 
 
 def tiff_metadata(
@@ -141,11 +163,7 @@ def tiff_metadata(
         the pages is a list.  ``line_time`` is that of the stored rows, from the top down.
     """
     frames = _several(simulated)
-    tables = [truth_cards(frame, seed) for frame in frames]
-    truth: dict[str, Any] = {}
-    for keyword in tables[0]:
-        values = [table[keyword][0] for table in tables]
-        truth[keyword] = values[0] if _same(values) else values
+    truth = {key: values if len(values) > 1 else values[0] for key, values, _ in _truths(frames, seed)}
     numbers, upwards = _numbers(frames[0]), frames[0].raw.metadata.value("line_time")
     # of the stored rows, of which the first is the top one
     line_time = None if upwards is None else -upwards
@@ -165,50 +183,9 @@ def _numbers(simulated: Simulated) -> dict[str, float]:
     return {name: metadata.value(name) for name in names if metadata.value(name) is not None}
 
 
-def _scene_cards(scene: Scene) -> Cards:
-    cards: Cards = {}
-    for name, value in scene.values.items():
-        kind, _, number = (name, "", "") if name in _SCENE else name.partition("_")
-        card, comment = _SCENE[kind]
-        if number:
-            card, comment = f"{card[:6]}{number}", f"{comment}, star {number}"
-        cards[card] = (value, comment)
-    return cards
-
-
-def _jitter_cards(locus: Locus) -> Cards:
-    name = locus_name(locus)
-    cards: Cards = {"TRULOCUS": (name, "true jitter locus")}
-    sizes = locus.describe()
-    others = [size for size in sizes if size not in _SIZES]
-    numbered = {size: (f"TRUJ{k}", f"true {size}") for k, size in enumerate(others, start=1)}
-    for size, value in sizes.items():
-        keyword, comment = {**_SIZES, **numbered}[size]
-        cards[keyword] = (float(value), comment)
-    moments = [float(value) for value in np.asarray(locus.moments())]
-    for axis, value in zip(("XX", "XY", "YY"), moments, strict=True):
-        cards[f"TRUS{axis}"] = (value, "[arcsec2] true second moment of the pointing")
-    return cards | jitter_cards(moments, normal=isinstance(locus, Mvn))
-
-
-def _shutter_cards(shutter: Shutter) -> Cards:
-    cards: Cards = {"TRULINE": (float(shutter.line_time), "[s] true, from a row to the one above it")}
-    if isinstance(shutter, Drifting):
-        for axis, value in zip("XY", shutter.velocity, strict=True):
-            cards[f"TRUV{axis}"] = (float(value), f"[arcsec/s] true drift of the image along {axis.lower()}")
-    return cards
-
-
-def _merged(tables: list[Mapping[str, tuple[Any, str]]]) -> Cards:
-    cards: Cards = {}
+def _truths(frames: Sequence[Simulated], seed: int | None) -> Iterator[tuple[str, list[Any], str]]:
+    """Yield each keyword of the truth, its value or, where frames differ, that of each, and its comment."""
+    tables = [truth_cards(frame, seed) for frame in frames]
     for keyword, (value, comment) in tables[0].items():
         values = [table[keyword][0] for table in tables]
-        if _same(values):
-            cards[keyword] = (value, comment)
-        else:
-            cards.update({f"{keyword} {index}": (v, comment) for index, v in enumerate(values)})
-    return cards
-
-
-def _same(values: list[Any]) -> bool:
-    return all(value == values[0] for value in values)
+        yield keyword, [value] if all(one == value for one in values) else values, comment

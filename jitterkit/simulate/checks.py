@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
-from jitterkit.instruments.background_stars import read_star_table
+from jitterkit.instruments.sky import read_star_table
 from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene, Stars
@@ -51,12 +51,10 @@ def check_inside(scene: Scene, shape: tuple[int, int], plate_scale: float) -> No
     x, y, _ = np.abs(np.array(scene.sources()))
     for axis, positions, n in (("x", x, shape[1]), ("y", y, shape[0])):
         if np.max(positions) > n / 2 * plate_scale:
-            raise ConfigurationError(
-                ErrorCode.OUT_OF_RANGE,
-                f"A star {np.max(positions):g} arcsec from the centre along {axis} is outside of the frame, "
-                f"which reaches {n / 2 * plate_scale:g} arcsec; change --separation, --x or --y, or the "
-                "table that lists it.",
-            )
+            problem = f"A star {np.max(positions):g} arcsec from the centre along {axis} is outside of the"
+            reach = f"frame, which reaches {n / 2 * plate_scale:g} arcsec"
+            remedy = "change --separation, --x or --y, or the table that lists it"
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem} {reach}; {remedy}.")
 
 
 def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
@@ -74,13 +72,13 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
     for axis, star, n in zip("xy", sources, grid.shape[::-1], strict=True):
         limit = (n / 2 + grid.pad) * grid.plate_scale
         if star.max() + 2 * major > limit:
-            raise ConfigurationError(
-                ErrorCode.SAMPLING,
-                f"A star {star.max():g} arcsec from the centre along {axis}, with a blur of {major:g} arcsec "
-                f"rms, leaves the modelled field of {limit:g} arcsec on each side; move it in, or give more "
-                "padding.",
-            )
-    finest = _finest(otf)
+            star_and_blur = f"{star.max():g} arcsec from the centre along {axis}, with a blur of {major:g}"
+            field = f"arcsec rms, leaves the modelled field of {limit:g} arcsec on each side"
+            problem = f"A star {star_and_blur} {field}; move it in, or give more padding."
+            raise ConfigurationError(ErrorCode.SAMPLING, problem)
+    # the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast
+    fy, fx = grid.frequencies
+    finest = float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))
     if locus.exact_to() < finest:
         raise ConfigurationError(
             ErrorCode.SAMPLING,
@@ -88,12 +86,6 @@ def check_reach(scene: Scene, locus: Locus, otf: OTF) -> None:
             f"cycles/arcsec only, and the telescope shows {finest:.3g}; take a smaller one, a trace of more "
             "samples, or a locus that has a formula: linear, shm, mvn or ellipse.",
         )
-
-
-def _finest(otf: OTF) -> float:
-    """Return the highest frequency [cycles/arcsec] that passes the optics with a hundredth's contrast."""
-    fy, fx = otf.grid.frequencies
-    return float(np.hypot(fy, fx)[np.abs(np.asarray(otf.value)) > 0.01].max(initial=0.0))
 
 
 _UNITS = {"x": "arcsec", "y": "arcsec", "flux": "electron"}

@@ -17,8 +17,7 @@ from jitterkit.detectors import Detector
 from jitterkit.detectors.knowledge import ASSUMED
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, expected_image
-from jitterkit.frames.frame import RawFrame
-from jitterkit.frames.metadata import Metadata
+from jitterkit.frames import Metadata, RawFrame
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.known_light import KnownLight
 from jitterkit.loci.base import Locus
@@ -125,9 +124,18 @@ def simulate_frame(
     expected = np.asarray(expected_image(truth, otf), dtype=float)
     if (known_light := KnownLight.of(instrument)) is not None:
         expected = expected + known_light.image(truth, otf)
-    known = _known(instrument, shutter, row_order)
-    read_out = _read_out if detector else _counted
-    raw = read_out(instrument, expected, rng, known)
+    camera = instrument.detector
+    line_time = line_time_of(camera, row_order) if shutter is None else float(shutter.line_time)
+    numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
+    known = Metadata(row_order=row_order).override(_SOURCE, **numbers)
+    if detector:
+        nominal = {name: camera.nominal(name) for name in ASSUMED}
+        known = known.override(_SOURCE, unit="adu", **ASSUMED).override(_SOURCE, **nominal)
+        readings = camera.expose(expected, rng, exposure=instrument.exposure)
+        raw = RawFrame(readings, metadata=camera.inform(known))
+    else:
+        electrons = expected if rng is None else rng.poisson(np.maximum(expected, 0.0)).astype(float)
+        raw = RawFrame(electrons, metadata=known.override(_SOURCE, unit="electron", read_noise=0.0))
     return Simulated(raw, truth, expected, instrument.aberrations)
 
 
@@ -228,26 +236,6 @@ def _each(name: str, values, width: int, frames: int, unit: str) -> np.ndarray:
         problem = f"{name} has shape {given.shape}; give ({width},) or ({frames}, {width}), in {unit}."
         raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)
     return np.broadcast_to(given, (frames, width))
-
-
-def _read_out(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:
-    detector = instrument.detector
-    numbers = {name: detector.nominal(name) for name in ASSUMED}
-    metadata = known.override(_SOURCE, unit="adu", **ASSUMED).override(_SOURCE, **numbers)
-    readings = detector.expose(expected, rng, exposure=instrument.exposure)
-    return RawFrame(readings, metadata=detector.inform(metadata))
-
-
-def _counted(instrument: Instrument, expected: np.ndarray, rng, known: Metadata) -> RawFrame:
-    electrons = expected if rng is None else rng.poisson(np.maximum(expected, 0.0)).astype(float)
-    return RawFrame(electrons, metadata=known.override(_SOURCE, unit="electron", read_noise=0.0))
-
-
-def _known(instrument: Instrument, shutter: Shutter | None, row_order: int) -> Metadata:
-    """Return the metadata of a frame, whether it is read out or not."""
-    line_time = line_time_of(instrument.detector, row_order) if shutter is None else float(shutter.line_time)
-    numbers = {"exposure": instrument.exposure, "plate_scale": instrument.plate_scale, "line_time": line_time}
-    return Metadata(row_order=row_order).override(_SOURCE, **numbers)
 
 
 def line_time_of(detector: Detector, row_order: int) -> float | None:

@@ -14,9 +14,8 @@ import numpy as np
 from scipy.stats import chi2, median_abs_deviation
 
 from jitterkit.loci import axis_variances, covariance_on_axis
-from jitterkit.starfield.common import Common
 from jitterkit.starfield.moments import Moments
-from jitterkit.starfield.psf import Psf
+from jitterkit.starfield.psf import Common, Psf
 
 _SURE = float(chi2.isf(1e-3, 2))
 """Chi-squared of a line's two coordinates that no trail at all exceeds in one frame of a thousand."""

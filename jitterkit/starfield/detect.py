@@ -101,7 +101,10 @@ def find_stars(frame: Frame, *, half: int | None = None) -> Stars:
     """
     image, noise, bad = _flattened(frame)
     found = _regions(image, noise, bad, frame.response)
-    ceiling = _ceiling(frame)
+    # pixels at a level that counts do not exceed, if the frame has such a level
+    counts = np.where(frame.mask, -np.inf, frame.electrons * frame.response)
+    ceiling = (counts >= counts.max() * (1 - _LEVEL)) & (counts.max() > 0)
+    ceiling &= ceiling.sum() >= _FLAT
     bad |= ceiling
     good = found.bright & ~found.blended & (found.long < _LONGER * found.typical)
     if half is None:  # seven sigmas of the light above the sky
@@ -143,13 +146,6 @@ def _flattened(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.where(bad, smooth, image), noise, bad
 
 
-def _ceiling(frame: Frame) -> np.ndarray:
-    """Return the pixels (ny, nx) at a level that counts do not exceed, if the frame has such a level."""
-    counts = np.where(frame.mask, -np.inf, frame.electrons * frame.response)
-    top = counts >= counts.max() * (1 - _LEVEL)
-    return top if counts.max() > 0 and top.sum() >= _FLAT else np.zeros(frame.shape, bool)
-
-
 @dataclass(frozen=True, eq=False)
 class _Regions:
     """Regions above the sky, one a star: labels (ny, nx), and n numbers of each [pixels, electrons]."""
@@ -176,8 +172,16 @@ class _Regions:
 
 
 def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) -> _Regions:
-    """Find the regions and measure them."""
-    regions, whole = _segments(image, noise)
+    """Find the regions above the sky, split where they hold several stars, and measure them."""
+    smooth = ndimage.gaussian_filter(image, _SMOOTHING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NoDetectionsWarning)
+        whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
+    if whole is None:
+        raise _no_star()
+    regions = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
+    for wing, star in _wings(smooth, regions.data):
+        regions.reassign_label(wing, star)
     catalog = SourceCatalog(image, regions, mask=bad)
     x, y = np.asarray(catalog.centroid).T
     long = np.sqrt(np.linalg.eigvalsh(np.asarray(catalog.covariance))[:, -1])
@@ -188,22 +192,8 @@ def _regions(image: np.ndarray, noise: np.ndarray, bad: np.ndarray, response) ->
     if not bright.any():
         raise _no_star()
     numbers, labels = np.asarray(catalog.labels), regions.data
-    shapes = _blended(image, labels, whole), _fwhm(image, labels)
+    shapes = _blended(image, labels, whole.data), _fwhm(image, labels)
     return _Regions(labels, numbers, x, y, long, flux, bright, *shapes)
-
-
-def _segments(image: np.ndarray, noise: np.ndarray):
-    """Split regions above the sky where they hold several stars; return them, and their labels before."""
-    smooth = ndimage.gaussian_filter(image, _SMOOTHING)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NoDetectionsWarning)
-        whole = detect_sources(smooth, _THRESHOLD * noise, _LEAST_AREA)
-    if whole is None:
-        raise _no_star()
-    split = deblend_sources(smooth, whole, _LEAST_PEAK, contrast=_CONTRAST, progress_bar=False)
-    for wing, star in _wings(smooth, split.data):
-        split.reassign_label(wing, star)
-    return split, whole.data
 
 
 def _no_star() -> UndeterminedError:

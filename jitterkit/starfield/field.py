@@ -19,12 +19,11 @@ from jitterkit.frames import Frame
 from jitterkit.kernel_estimate import KernelEstimate
 from jitterkit.loci import axis_variances
 from jitterkit.starfield.certainty import growing, not_linear
-from jitterkit.starfield.common import Common, common_moments
 from jitterkit.starfield.detect import find_stars
 from jitterkit.starfield.field_pattern import FieldPattern, classify_field
-from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
-from jitterkit.starfield.psf import Psf, field_psf
-from jitterkit.starfield.trail import Trail, trail_against, trail_alone
+from jitterkit.starfield.moments import adaptive_moments
+from jitterkit.starfield.psf import Psf, common_moments, field_psf
+from jitterkit.starfield.trail import trail_against, trail_alone
 
 _NO_PATTERN = ("smear", "round", "undetermined")
 """Patterns that say nothing of optics, and nothing where stars are as sharp as the reference's."""
@@ -123,14 +122,51 @@ def estimate_field(
     stars = find_stars(frame)
     moments = adaptive_moments(stars)
     common = common_moments(moments)
-    if reference is None:
-        return _record(frame.name, stars, moments, common, trail_alone(stars, moments, common), None, scale)
-    if isinstance(reference, Psf):
-        psf = reference
-    else:
+    psf = None if isinstance(reference, Frame) else reference
+    if isinstance(reference, Frame):
         refuse_other_pixels(reference, frame)
         psf = field_psf(reference, half=stars.electrons.shape[-1] // 2)  # as wide as the trailed stars
-    return _record(frame.name, stars, moments, common, trail_against(psf, stars, moments, common), psf, scale)
+    trail = trail_alone(stars, moments, common) if psf is None else trail_against(psf, stars, moments, common)
+    area, (ny, nx), sound = scale**2, stars.frame_shape, common.used
+    pattern = classify_field(
+        stars.x[sound] - (nx - 1) / 2,
+        stars.y[sound] - (ny - 1) / 2,
+        moments.moments[sound] - (0.0 if psf is None else psf.moments),
+        moments.covariance[sound],
+        shared=None if psf is None else psf.covariance,
+        direction=(trail.angle, trail.angle_err),
+    )
+    if trail.locus is None and pattern.kind in _NO_PATTERN:
+        pattern = replace(pattern, kind="sharp", sentence=_AS_SHARP)
+    major, minor, _ = axis_variances(common.moments)
+    stretched = "" if trail.locus is None else not_linear(moments, sound)
+    kernel = KernelEstimate(
+        trail.moments * area,
+        trail.covariance * area**2,
+        "starfield",
+        frame.name,
+        locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
+        undetermined=trail.undetermined or stretched,
+    )
+    return FieldEstimate(
+        kernel=kernel,
+        length=trail.length * scale,
+        length_err=trail.length_err * scale,
+        angle=axis_angle(trail.angle),
+        angle_err=trail.angle_err,
+        conditional=psf is None,
+        moment_length=float(np.sqrt(12 * (major - minor))) * scale,
+        x=stars.x,
+        y=stars.y,
+        moments=moments.moments * area,
+        errors=np.sqrt(np.einsum("nii->ni", moments.covariance)) * area,
+        used=trail.used,
+        common=common.moments * area,
+        common_covariance=common.covariance * area**2,
+        variation=trail.variation,
+        pattern=pattern,
+        remarks=trail.remarks if stretched else (*growing(moments, sound), *trail.remarks),
+    )
 
 
 def refuse_other_pixels(reference: Frame, frame: Frame) -> None:
@@ -170,51 +206,3 @@ def roundest(frames: Sequence[Frame]) -> int:
         problem = f"No isolated star is seen in any of {len(sizes)} frames; give sharper ones."
         raise UndeterminedError(ErrorCode.TOO_FEW_STARS, problem)
     return int(np.argmin(sizes))
-
-
-def _record(
-    source: str, stars: Stars, moments: Moments, common: Common, trail: Trail, psf: Psf | None, scale: float
-) -> FieldEstimate:
-    """Build the estimate, all in arcsec."""
-    area = scale**2
-    ny, nx = stars.frame_shape
-    sound = common.used
-    pattern = classify_field(
-        stars.x[sound] - (nx - 1) / 2,
-        stars.y[sound] - (ny - 1) / 2,
-        moments.moments[sound] - (0.0 if psf is None else psf.moments),
-        moments.covariance[sound],
-        shared=None if psf is None else psf.covariance,
-        direction=(trail.angle, trail.angle_err),
-    )
-    if trail.locus is None and pattern.kind in _NO_PATTERN:
-        pattern = replace(pattern, kind="sharp", sentence=_AS_SHARP)
-    major, minor, _ = axis_variances(common.moments)
-    stretched = "" if trail.locus is None else not_linear(moments, sound)
-    kernel = KernelEstimate(
-        trail.moments * area,
-        trail.covariance * area**2,
-        "starfield",
-        source,
-        locus=None if trail.locus is None else trail.locus.at(trail.locus.coords * area),
-        undetermined=trail.undetermined or stretched,
-    )
-    return FieldEstimate(
-        kernel=kernel,
-        length=trail.length * scale,
-        length_err=trail.length_err * scale,
-        angle=axis_angle(trail.angle),
-        angle_err=trail.angle_err,
-        conditional=psf is None,
-        moment_length=float(np.sqrt(12 * (major - minor))) * scale,
-        x=stars.x,
-        y=stars.y,
-        moments=moments.moments * area,
-        errors=np.sqrt(np.einsum("nii->ni", moments.covariance)) * area,
-        used=trail.used,
-        common=common.moments * area,
-        common_covariance=common.covariance * area**2,
-        variation=trail.variation,
-        pattern=pattern,
-        remarks=trail.remarks if stretched else (*growing(moments, sound), *trail.remarks),
-    )

@@ -126,14 +126,18 @@ def classify_field(
     reach = float(np.sqrt(np.mean(np.square(x) + np.square(y))))
     z = (x + 1j * y) / reach
     weight, flexible = _weights(e, noise, z)
-    fits = {name: _fit(e, weight, design) for name, design in _designs(z).items()}
+    one, zero = np.ones(z.shape), np.zeros(z.shape)
+    constant = np.stack([np.stack([one, zero], -1), np.stack([zero, one], -1)], axis=1)
+    square = np.stack([(z**2).real, (z**2).imag], axis=1)[..., None]
+    both = np.concatenate([constant, square], axis=2)
+    designs = {"round": both[:, :, :0], "smear": constant, "pattern": square, "both": both}
+    fits = {name: _fit(e, weight, design) for name, design in designs.items()}
     chi2 = {name: fit.chi2 for name, fit in fits.items()}
     size, middle, chi2["rotation"] = _rotation(e, weight, z, fits["both"])
     power = max(chi2["round"] - flexible, 1e-12)
     smear, pattern = (float(np.clip((chi2["round"] - chi2[n]) / power, 0, 1)) for n in ("smear", "pattern"))
-    shares = smear, pattern
-    both = fits["both"]
-    steady, steadiness = both.terms[:2], both.covariance[:2, :2] + offset
+    shares, mixed = (smear, pattern), fits["both"]
+    steady, steadiness = mixed.terms[:2], mixed.covariance[:2, :2] + offset
     found = {
         "smear": steady @ np.linalg.solve(steadiness, steady) > _BETTER and shares[0] > _NOTABLE,
         "pattern": chi2["smear"] - chi2["both"] > _BETTER and shares[1] > _NOTABLE,
@@ -145,22 +149,9 @@ def classify_field(
         direction = _direction(steady, steadiness)
     elif direction is None:
         direction = _direction(fits["smear"].terms, fits["smear"].covariance + offset)
-    way = "radial" if both.terms[2] > 0 else "tangential"
+    way = "radial" if mixed.terms[2] > 0 else "tangential"
     kind, text = _worded(found, direction, shares, way, centre)
     return FieldPattern(kind, text + ".", *direction, smear, pattern, chi2, 2 * len(x), centre)
-
-
-def _designs(z: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each model's derivatives (n, 2, k)."""
-    one, zero = np.ones(z.shape), np.zeros(z.shape)
-    constant = np.stack([np.stack([one, zero], -1), np.stack([zero, one], -1)], axis=1)
-    pattern = np.stack([(z**2).real, (z**2).imag], axis=1)[..., None]
-    return {
-        "round": np.zeros((len(z), 2, 0)),
-        "smear": constant,
-        "pattern": pattern,
-        "both": np.concatenate([constant, pattern], axis=2),
-    }
 
 
 def _fit(e: np.ndarray, weight: np.ndarray, design: np.ndarray) -> _Fit:

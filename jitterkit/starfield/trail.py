@@ -16,11 +16,10 @@ from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield import certainty
-from jitterkit.starfield.common import Common
 from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
 from jitterkit.starfield.joint import JointFit, fit_joint
 from jitterkit.starfield.moments import Moments, Stars
-from jitterkit.starfield.psf import Psf, stack_psf
+from jitterkit.starfield.psf import Common, Psf, stack_psf
 
 _PAD = 12
 """Pixels of padding about a stamp in the joint fit, at least: two lengths of a trail of 6."""
@@ -150,7 +149,10 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     """
     excess, shared = common.moments - psf.moments, common.covariance + psf.covariance
     refuse_blurrier(excess, shared, tolerated=certainty.TOLERATED)
-    own = _own_elongation(psf)
+    own: tuple[str, ...] = ()
+    if (found := certainty.elongation(psf)) is not None:
+        size_of_own = f"{found[0]:.1f} pixels along {found[1]:.0f} degrees"
+        own = (f"The reference's own stars are elongated by {size_of_own}: blurs are relative to that.",)
     if not is_detected(excess, shared):
         return _sharp(excess, shared, common, own)
     which = np.flatnonzero(common.used)
@@ -213,14 +215,6 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
     guess, used = _axis_error(0.0, 1.0), common.used
     variation = common.chi2, common.dof
     return Trail(None, excess, covariance, np.nan, np.nan, axis, guess, used, variation, remarks)
-
-
-def _own_elongation(psf: Psf) -> tuple[str, ...]:
-    """Return a remark where the reference's own stars are long."""
-    if (found := certainty.elongation(psf)) is None:
-        return ()
-    size = f"{found[0]:.1f} pixels along {found[1]:.0f} degrees"
-    return (f"The reference's own stars are elongated by {size}: blurs are relative to that.",)
 
 
 def _line(

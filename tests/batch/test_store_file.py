@@ -45,8 +45,7 @@ def work(directory, batches, opened):
     import time
     from pathlib import Path
 
-    from jitterkit.batch.ranking import wanted
-    from jitterkit.batch.store import Store
+    from jitterkit.batch.store import Store, wanted
 
     with Store.resume(Path(directory), {"size": 5}) as store:
         opened.send(True)

@@ -6,8 +6,8 @@ from refusals import refused
 from scipy.optimize import least_squares
 
 from jitterkit.errors import ErrorCode, UndeterminedError
-from jitterkit.starfield.common import common_moments
 from jitterkit.starfield.moments import Moments, Stars, adaptive_moments
+from jitterkit.starfield.psf import common_moments
 
 GRID = np.arange(-16, 17)
 
