@@ -10,7 +10,7 @@ and Frazier, which inverts nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Reversible
+from collections.abc import Iterator, Mapping, Reversible
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -175,44 +175,20 @@ def log_likelihood(summaries: LikelihoodSummaries | list[LikelihoodSummary], mod
     return total
 
 
-class _Step(NamedTuple):
-    """Hold the prediction for one frame, before its update."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    evidence: float
-
-
-def _filter(model: Model, summaries: Iterable[LikelihoodSummary], kept: np.ndarray) -> Iterator[_Step]:
-    """Yield the prediction for each frame, and one after all, with the evidence of the frame before."""
-    run, evidence = Filter(model), 0.0
-    for summary, counts in zip(summaries, kept, strict=True):
-        run.predict(summary.time)
-        yield _Step(run.mean, run.covariance, evidence)
-        evidence = run.update(summary) if counts else 0.0
-    yield _Step(run.mean, run.covariance, evidence)
-
-
 def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Combined:
     """Filter forwards and smooth backwards."""
     n, k = len(model.prior), len(model.names)
-    predictions, evidence = RecordFile(n + n * n), 0.0
-    last = None
-    for last in _filter(model, summaries, kept):
-        evidence += last.evidence
-        if len(predictions) < len(summaries):
-            predictions.append(last.mean, last.covariance)
-    assert last is not None
+    run, predictions, evidence = Filter(model), RecordFile(n + n * n), 0.0
+    for summary, counts in zip(summaries, kept, strict=True):
+        run.predict(summary.time)
+        predictions.append(run.mean, run.covariance)
+        evidence += run.update(summary) if counts else 0.0
     smoothed = _smooth(model, summaries, predictions, kept)
     predictions.close()
-    means = _final(model, last, model.first_states)
-    bends = [
-        i + 1 if each.states > 1 and not isinstance(each, OrnsteinUhlenbeck) else i
-        for i, each in zip(model.first_states, model.time_models, strict=True)
-    ]
-    bent = np.array([b != i for b, i in zip(bends, model.first_states, strict=True)])
-    slopes = _final(model, last, np.array(bends))
-    undetermined = np.sqrt(np.diag(last.covariance))[model.first_states] > _UNKNOWN * DIFFUSE
+    bent = np.array([m.states > 1 and not isinstance(m, OrnsteinUhlenbeck) for m in model.time_models])
+    means = _final(run, model.first_states)
+    slopes = _final(run, model.first_states + bent)  # the state after the mean
+    undetermined = np.sqrt(np.diag(run.covariance))[model.first_states] > _UNKNOWN * DIFFUSE
     covariance = np.where(np.add.outer(undetermined, undetermined), np.nan, means[1])
     return Combined(
         names=model.names,
@@ -226,11 +202,10 @@ def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Co
     )
 
 
-def _final(model: Model, last: _Step, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _final(run: Filter, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values and covariance of some states after all frames, in the parameters' units."""
-    return last.mean[index] * model.scale, last.covariance[np.ix_(index, index)] * np.outer(
-        model.scale, model.scale
-    )
+    scale = run.model.scale
+    return run.mean[index] * scale, run.covariance[np.ix_(index, index)] * np.outer(scale, scale)
 
 
 def _smooth(
