@@ -1,6 +1,5 @@
 """Motion of the pointing: from a spectrum or a record to what an exposure sees of it, and back."""
 
-from jitterkit.motion.arcsine import arcsine_density, arcsine_shares
 from jitterkit.motion.assessment import Assessment, assess_motion, predicted_locus, smeared_locus
 from jitterkit.motion.budget import Share, critical_frequency, motion_budget, regime, smooth_locus
 from jitterkit.motion.files import read_motion
