@@ -26,7 +26,7 @@ def budget(
     effect: list[str] | None = None,
     frames: Annotated[int, typer.Option(min=1)] = 10_000,
     target: str = "1uas",
-    background: options.Background = True,
+    background: bool = True,
     products: Annotated[options.Products, Fixed(plot=None)],
 ) -> None:
     """List the effects that the model leaves out or holds, and what each does to the separation of a pair.

@@ -31,7 +31,7 @@ def causes(
     telemetry: str = "5%",
     refocus: Annotated[float, typer.Option(min=1)] = 100.0,
     pair: options.Pair,
-    background: options.Background = True,
+    background: bool = True,
     products: options.Products,
 ) -> None:
     """Distinguish the causes of a wide image: jitter, charge diffusion, defocus and seeing.

@@ -81,12 +81,12 @@ def estimate(
     estimator: str | None = None,
     output: options.TableOutput = None,
     exports: Exports,
-    scene: options.SceneName = "auto",
-    background: options.Background = True,
-    model_error: options.ModelError = "0",
+    scene: str = "auto",
+    background: bool = True,
+    model_error: str = "0",
     detector: options.Detector,
-    hdu: options.Hdu = None,
-    overwrite: options.Overwrite = False,
+    hdu: int | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Estimate the blur of every frame, without a refit, and print a table.
 

@@ -52,14 +52,14 @@ class FrameFit:
     """
 
     instrument: options.InstrumentName = "toliman"
-    scene: options.SceneName = "auto"
+    scene: str = "auto"
     locus: Annotated[str, typer.Option(metavar="auto|NAME", help=_LOCUS)] = "auto"
     estimator: str = "score"
     prior: Path | None = None
-    censored: options.Censored = False
+    censored: bool = False
     rays: bool = False
-    background: options.Background = True
-    model_error: options.ModelError = "0"
+    background: bool = True
+    model_error: str = "0"
     detector: options.Detector
     device: str | None = None
     float32: bool = False

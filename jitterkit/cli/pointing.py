@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from jitterkit.cli.loci import build_locus, refuse_other_motions, trace_of
-from jitterkit.cli.options import Jitter, SpectrumKind, required
+from jitterkit.cli.options import Jitter, required
 from jitterkit.cli.quantities import parse_number
 from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -62,7 +62,7 @@ class Motion:
 
     trace: Path | None = None
     spectrum: Path | None = None
-    kind: SpectrumKind = None
+    kind: str | None = None
     drift: str | None = None
 
     def pointing(self, jitter: Jitter, telescope, frames: int, row_order: int, generator) -> Pointing:

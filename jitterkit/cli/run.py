@@ -48,7 +48,7 @@ class Run:
         Continue an interrupted run; no frame is fitted twice.
     """
 
-    overwrite: options.Overwrite = False
+    overwrite: bool = False
     resume: bool = False
 
     def check(self, output: Path) -> None:
@@ -197,7 +197,7 @@ def process(
     *,
     files: options.Files,
     output: options.OutputDirectory,
-    hdu: options.Hdu = None,
+    hdu: int | None = None,
     workers: Workers,
     plan: Plan,
     run: Run,
@@ -236,7 +236,7 @@ def watch(
     output: options.OutputDirectory,
     idle: Annotated[float | None, typer.Option(min=0.0)] = None,
     poll: Annotated[float, typer.Option(min=0.05)] = 1.0,
-    hdu: options.Hdu = None,
+    hdu: int | None = None,
     run: Run,
     fit: FrameFit,
 ) -> None:

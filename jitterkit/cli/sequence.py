@@ -35,12 +35,12 @@ def sequence(
     global_shutter: bool = False,
     cadence: Annotated[float | None, typer.Option(min=1e-9)] = None,
     scene: str = "auto",
-    censored: options.Censored = False,
-    background: options.Background = True,
-    model_error: options.ModelError = "0",
+    censored: bool = False,
+    background: bool = True,
+    model_error: str = "0",
     detector: options.Detector,
-    hdu: options.Hdu = None,
-    overwrite: options.Overwrite = False,
+    hdu: int | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Fit frames of one pair together: shared separation, optics and detector; own position and jitter.
 

@@ -34,7 +34,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0)] = 0,
     noise: bool = True,
     detector: bool = True,
-    overwrite: options.Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Simulate frames and write them with their truth in the header.
 
