@@ -10,5 +10,5 @@ from jitterkit.forecast.crossfit import CrossFit, noise_free_fit
 from jitterkit.forecast.directions import degenerate_directions
 from jitterkit.forecast.kinds import jitter_of_kind
 from jitterkit.forecast.requirement import Requirement, jitter_requirements
-from jitterkit.forecast.study import Panel, cross_fit, linearised_draws, refitted_draws
+from jitterkit.forecast.study import Panel, cross_fit, linearised_draws
 from jitterkit.forecast.systematics import SystematicError, systematic_errors
