@@ -111,6 +111,8 @@ def estimate(
     estimator : NAME
         With an instrument: score (default), mtf, moments, richardson-lucy or nnls; with --blind: blind
         (default), cepstrum, radon, autocorrelation or trail.
+    output : FILE.ecsv
+        Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.
     """
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_table

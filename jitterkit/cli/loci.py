@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import jitterkit
-from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
@@ -107,27 +106,6 @@ def build_locus(name: str, sizes: dict[str, Any]):
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
     raise ConfigurationError(code, f"The locus {name} {problem}.")
-
-
-def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, Any]):
-    """Return the measured pointing in a file, from its start (or ``start``) over one exposure, if known.
-
-    Raises
-    ------
-    ConfigurationError
-        If another locus or its sizes are given too, or the record cannot be used.
-    """
-    from jitterkit.loci import Trace, read_trace
-
-    refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
-    with naming(path):
-        t, x, y = read_trace(path, log=log)
-        trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
-    duration = float(t[-1] - t[0])
-    if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
-        first = "" if "start" in sizes else "the first "
-        log(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
-    return trace
 
 
 def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motions: Any) -> None:

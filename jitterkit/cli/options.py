@@ -4,6 +4,8 @@ Parameters
 ----------
 files : FILES_OR_DIRS
     FITS or TIFF files, or directories of them.
+output : DIR
+    Directory for the results.
 overwrite
     Replace files that exist.
 instrument : NAME|FILE.toml
@@ -53,12 +55,9 @@ OF_PAIRS = ("separation", "theta", "contrast")
 
 
 Files = Annotated[list[Path], typer.Argument()]
-OutputDirectory = Annotated[
-    Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")
-]
+OutputDirectory = Annotated[Path, typer.Option("--output", "-o")]
 InstrumentName = Annotated[str, typer.Option("--instrument", "-i")]
-_TABLE = "Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json."
-TableOutput = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.ecsv", help=_TABLE)]
+TableOutput = Annotated[Path | None, typer.Option("--output", "-o")]
 
 _LOCUS = typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")
 
@@ -246,6 +245,8 @@ class Products:
     ----------
     plot : FILE.png
         Draw the result.
+    output : FILE.ecsv
+        Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.
     """
 
     plot: Path | None = None
