@@ -61,12 +61,8 @@ def fit_ornstein_uhlenbeck(
 
     start = np.log([spread, span / 5])
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.5]])
-    found = scipy.optimize.minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1, "maxiter": 60},
-    )
+    settings = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1, "maxiter": 60}
+    found = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=settings)
     still = -log_likelihood(some, Model.of(summaries, {**time_models, **dict.fromkeys(names, Constant())}))
     if still - found.fun < _LEAST_GAIN:
         return Constant()

@@ -32,7 +32,6 @@ from jitterkit.joint.velocity import Shutters
 from jitterkit.linearisation import NearbyOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult
-from jitterkit.refit.outliers import Fitted, fit_without_outliers
 
 _CONVERGED = 1.0
 """Largest change of a shared parameter by the last pass, in joint standard errors; where it was 0.16, that of
@@ -226,13 +225,7 @@ class _Run:
         fitter, index, whole = self.fitter, len(records), exposure.frame
         assert whole is not None
         known = np.isin(np.arange(whole.mask.size), self.left_out.get(index, [])).reshape(whole.shape)
-        frame, fitted = fit_without_outliers(
-            whole,
-            lambda frame: Fitted(*fit(frame)),
-            known=known,
-            known_light=fitter.known_light,
-            model_error=fitter.model_error,
-        )
+        frame, fitted = fitter.without_outliers(whole, fit, known)
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[index] = found
         result, exposure = fitted.result, exposure._replace(frame=frame)

@@ -142,10 +142,6 @@ class SequenceFit:
             information = summary.information[index, index]
             slope = (summary.score - summary.information @ (shared.values - summary.at))[index]
             known = information > 0
-            yield SequenceFrame(
-                record,
-                shared,
-                bool(kept),
-                float(shared.values[index] + slope / information) if known else np.nan,
-                float(1 / np.sqrt(information)) if known else np.nan,
-            )
+            separation = float(shared.values[index] + slope / information) if known else np.nan
+            error = float(1 / np.sqrt(information)) if known else np.nan
+            yield SequenceFrame(record, shared, bool(kept), separation, error)
