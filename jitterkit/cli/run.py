@@ -28,7 +28,8 @@ from jitterkit.cli.runtime import (
     refuse_if,
     until_interrupted,
 )
-from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.errors import ErrorCode, FrameError, printable
+from jitterkit.report.flags import decode_flags
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
 _REPORTED = {"prior_contradicted", "prior_unused", "prior_namesake"}
@@ -79,8 +80,6 @@ def finalize(run, telescope) -> None:
 
 def _list_frames(run) -> None:
     """Log the frames that were not fitted, and those whose prior was not used."""
-    from jitterkit.report.flags import decode_flags
-
     rows = ((row, set(decode_flags(row["flags"]))) for row in run.table)
     listed = [row for row, flags in rows if row["status"] != "ok" or _REPORTED & flags]
     for row in listed[:LISTED]:
@@ -91,8 +90,6 @@ def _list_frames(run) -> None:
 
 def _list_doubts(run) -> None:
     """Log how many fitted frames have a flag that leaves a number in doubt, with the first one's message."""
-    from jitterkit.report.flags import decode_flags
-
     fitted = run.table[run.table["status"] == "ok"]
     flags = [decode_flags(code) for code in fitted["flags"]]
     counts = {flag: sum(flag in words for words in flags) for flag in _DOUBTS}
@@ -255,8 +252,6 @@ def watch(
     poll : SECONDS
         How often to look for new files.
     """
-    from jitterkit.errors import printable
-
     if not directory.is_dir():
         code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
         raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")

@@ -36,17 +36,11 @@ from jitterkit.run.stacked_stars import StackedStars, find_stacked_stars
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class BatchSettings:
-    """Frames of a batch, by the pixels of a frame."""
+_PIXELS = 2**21
+"""In the frames of a batch: 128 of 128 x 128, 4 s of work, 0.1 GB."""
 
-    pixels: int = 2**21
-    """In the frames of a batch: 128 of 128 x 128, 4 s of work, 0.1 GB."""
-    fewest: int = 16
-    most: int = 128
-
-
-BATCH = BatchSettings()
+_FEWEST, _MOST = 16, 128
+"""Frames of a batch, whatever their pixels."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +191,7 @@ def planned_before(directory: str | Path) -> Mapping[str, Any] | None:
 
 def batch_size(shape: tuple[int, int]) -> int:
     """Return how many frames of a shape ``(ny, nx)`` are a batch: more of small ones."""
-    return min(max(BATCH.pixels // (shape[0] * shape[1]), BATCH.fewest), BATCH.most)
+    return min(max(_PIXELS // (shape[0] * shape[1]), _FEWEST), _MOST)
 
 
 def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more: Iterable[Row] = ()) -> Run:
