@@ -103,11 +103,7 @@ class Combined:
 
 
 def combine(
-    summaries: LikelihoodSummaries,
-    time_models: Mapping[str, TimeModel],
-    *,
-    flag: bool = True,
-    kept: np.ndarray | None = None,
+    summaries: LikelihoodSummaries, time_models: Mapping[str, TimeModel], kept: np.ndarray | None = None
 ) -> Combined:
     """Combine the likelihood summaries of frames.
 
@@ -117,17 +113,16 @@ def combine(
         At least one.
     time_models : mapping
         How each shared parameter changes, by name; what is not named is constant.
-    flag : bool
-        Whether to leave out frames that contradict the others.  Of good frames 0.01 a run is left out.
     kept : (n,) bool array, optional
-        The frames to count, where that has been decided.
+        The frames to count; by default all that do not contradict the others.  Of good frames 0.01 a run is
+        left out.
 
     Returns
     -------
     combined : Combined
     """
     if kept is None:
-        kept = consistent_frames(summaries, time_models) if flag else np.ones(len(summaries), bool)
+        kept = consistent_frames(summaries, time_models)
     return _sweep(Model.of(summaries, time_models), summaries, kept)
 
 
@@ -177,7 +172,7 @@ def log_likelihood(summaries: LikelihoodSummaries | list[LikelihoodSummary], mod
 
 def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Combined:
     """Filter forwards and smooth backwards."""
-    n, k = len(model.prior), len(model.names)
+    n = len(model.prior)
     run, predictions, evidence = Filter(model), RecordFile(n + n * n), 0.0
     for summary, counts in zip(summaries, kept, strict=True):
         run.predict(summary.time)
@@ -198,7 +193,7 @@ def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Co
         slope_errors=np.where(bent, np.sqrt(np.diag(slopes[1])), np.nan),
         evidence=evidence,
         kept=kept,
-        frames=_reversed(smoothed, 2 * k + 2),
+        frames=_reversed(smoothed),
     )
 
 
@@ -258,8 +253,8 @@ def _chi2_and_limits(combined: Combined, frames: int) -> tuple[np.ndarray, np.nd
     return both[:, 0], np.asarray(scipy.stats.chi2.isf(chance, np.maximum(both[:, 1], 1)))
 
 
-def _reversed(records: RecordFile, width: int) -> RecordFile:
-    turned = RecordFile(width)
+def _reversed(records: RecordFile) -> RecordFile:
+    turned = RecordFile(records.width)
     for record in reversed(records):
         turned.append(record)
     records.close()
