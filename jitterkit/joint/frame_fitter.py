@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -162,8 +161,10 @@ class FrameFitter:
         self, frame: Frame, fit: Callable[[Frame], tuple[FitResult, OTF]], known: np.ndarray | None = None
     ) -> tuple[Frame, Fitted]:
         """Fit a frame without outlier pixels, of which some may be known (ny, nx); return it with its fit."""
-        how: Any = {"known": known, "known_light": self.known_light, "model_error": self.model_error}
-        return fit_without_outliers(frame, lambda one: Fitted(*fit(one)), **how)
+        light, error = self.known_light, self.model_error
+        return fit_without_outliers(
+            frame, lambda one: Fitted(*fit(one)), known=known, known_light=light, model_error=error
+        )
 
     def fit_first(
         self, frame: Frame, shutter: Shutter | None, near: Mapping[str, float] | None = None

@@ -229,9 +229,8 @@ class _Run:
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[index] = found
         result, exposure = fitted.result, exposure._replace(frame=frame)
-        summary = fitter.likelihood_summary(
-            frame, result, fitted.otf, exposure.time, first=not len(summaries)
-        )
+        first = not len(summaries)
+        summary = fitter.likelihood_summary(frame, result, fitted.otf, exposure.time, first=first)
         more["has_summary"] = summary is not None
         records.append(record_of(exposure, result, fitter.own, of_all=fitter.flags, **more))
         if summary is not None:
