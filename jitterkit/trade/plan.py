@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 from jitterkit.batch.plan import PLAN
@@ -127,7 +128,7 @@ class Planner:
                 except JitterkitError:  # with noise, so little a model describes no frame
                     continue
         convergence_error = worst_case.convergence_error(min(GRID["tolerance"]))
-        loss = worst_case.loss(min(every, key=worst_case.rough_loss))
+        loss = worst_case.loss(min(every, key=partial(worst_case.loss, roughly=True)))
         least = max(loss / _MARGIN, convergence_error / _CONVERGENCE_SHARE)
         limits = f"within {1e6 * allowed:.2g} uas for certain; allow {_rounded_up(1e6 * least)} uas or more"
         problem = f"No settings keep the separation of these frames {limits}."
@@ -175,7 +176,7 @@ class Planner:
             widest = next(filter(worst_case.can_be_had, geometries), None)  # less padding is never more exact
             if widest is not None:
                 rest += [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
-        return min(rest or affordable, key=worst_case.rough_loss)
+        return min(rest or affordable, key=partial(worst_case.loss, roughly=True))
 
     def seconds(self, settings: Settings) -> float:
         """Measure the time of a frame: one at a time, as in a run of so many.
