@@ -30,7 +30,7 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from jitterkit.cli import options as shared
 from jitterkit.cli.runtime import USAGE, log, log_error
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError, refuse_if
 
 _HEADING = "\n\nParameters\n----------\n"
 
@@ -85,9 +85,8 @@ def _refuse_infinite(given: Mapping[str, Any]) -> None:
     for name, value in given.items():
         numbers = value if isinstance(value, list | tuple) else [value]
         for number in (number for number in numbers if isinstance(number, float)):
-            if not math.isfinite(number):
-                problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
-                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+            problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
+            refuse_if(not math.isfinite(number), ErrorCode.OUT_OF_RANGE, problem)
 
 
 def _refuse_lost_input(given: Mapping[str, Any]) -> None:
@@ -98,9 +97,9 @@ def _refuse_lost_input(given: Mapping[str, Any]) -> None:
     paths = {os.path.realpath(one) for one in inputs if isinstance(one, str | Path)}
     for name, output in outputs.items():
         within = output.suffix == ".fits" and os.path.realpath(output.parent) in paths
-        if output.is_file() and (within or os.path.realpath(output) in paths):
-            problem = f"--{name} {output} is a file that the command reads; give another name."
-            raise ConfigurationError(ErrorCode.CONFLICT, problem)
+        read = within or os.path.realpath(output) in paths
+        problem = f"--{name} {output} is a file that the command reads; give another name."
+        refuse_if(output.is_file() and read, ErrorCode.CONFLICT, problem)
 
 
 def _arguments(source: Callable, given: Mapping[str, Any]) -> dict[str, Any]:

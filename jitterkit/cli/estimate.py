@@ -10,8 +10,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import LISTED, SOME_FAILED, log, prepare_jax, print_table, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, log, prepare_jax, print_table
+from jitterkit.errors import ErrorCode, refuse_if
 
 _ROUNDEST = "roundest"
 

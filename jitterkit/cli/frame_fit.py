@@ -16,8 +16,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.quantities import parse_allowed, parse_time
-from jitterkit.cli.runtime import log, open_instrument, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument
+from jitterkit.errors import ErrorCode, refuse_if
 from jitterkit.report.words import angle_size
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import jitterkit
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
@@ -91,9 +91,8 @@ def build_locus(name: str, sizes: dict[str, Any]):
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
-    if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
-        message = f"The locus {name} takes --shear or --set sigma_minor, not both."
-        raise ConfigurationError(ErrorCode.CONFLICT, message)
+    message = f"The locus {name} takes --shear or --set sigma_minor, not both."
+    refuse_if({"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn, ErrorCode.CONFLICT, message)
     may = [size for size in taken if size not in needed]
     may += ["shear"] if kind is Mvn and "shear" not in taken else []
     code, problem = ErrorCode.MISSING_VALUE, ""

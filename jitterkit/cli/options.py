@@ -38,8 +38,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
-from jitterkit.cli.runtime import command_line, refuse_if, write_picture
-from jitterkit.errors import ConfigurationError, ErrorCode, one_of
+from jitterkit.cli.runtime import command_line, write_picture
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, refuse_if
 
 if TYPE_CHECKING:
     from astropy.table import QTable

@@ -19,16 +19,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit, Plan
 from jitterkit.cli.progress import live_screen, run_progress
-from jitterkit.cli.runtime import (
-    LISTED,
-    SOME_FAILED,
-    as_interrupt,
-    command_line,
-    log,
-    refuse_if,
-    until_interrupted,
-)
-from jitterkit.errors import ErrorCode, FrameError, printable
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, as_interrupt, command_line, log, until_interrupted
+from jitterkit.errors import ErrorCode, FrameError, printable, refuse_if
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 

@@ -10,8 +10,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if, write_picture
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, write_picture
+from jitterkit.errors import ErrorCode, refuse_if
 
 _MIN_SERIES = 25
 """Number of frames from which averages are studied."""

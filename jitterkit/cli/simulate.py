@@ -9,8 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.pointing import Motion
-from jitterkit.cli.runtime import log, open_instrument, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument
+from jitterkit.errors import ErrorCode, refuse_if
 
 _SCENES = {"star": options.OF_PAIRS, "binary": (), "stars": (*options.OF_PAIRS, "flux")}
 """Scenes, and the options that each one does not use."""
