@@ -122,7 +122,8 @@ class Planner:
         for settings in every if tolerances else ():
             if worst_case.holds(settings, limit, roughly=True) and worst_case.holds(settings, limit):
                 settings = self._drop_aberrations(replace(settings, tolerance=max(tolerances)), allowed)
-                settings = self._drop_jitter(settings, allowed)
+                seen = replace(settings, jitter="seen")  # none in frames that show none
+                settings = seen if worst_case.holds(seen, limit) else settings
                 try:
                     return Plan(settings, worst_case.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
@@ -220,11 +221,6 @@ class Planner:
             if cost <= _LEFT_OUT * allowed and worst_case.holds(fewer, _MARGIN * allowed):
                 settings = fewer
         return settings
-
-    def _drop_jitter(self, settings: Settings, allowed: float) -> Settings:
-        """Drop jitter in frames that show none, where the limit allows."""
-        seen = replace(settings, jitter="seen")
-        return seen if self.worst_case.holds(seen, _MARGIN * allowed) else settings
 
 
 def _rounded_up(value: float) -> str:
