@@ -213,6 +213,12 @@ def one_of(kind: str, name: str, choices: Collection[str], other: str = "") -> s
     return name
 
 
+def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:
+    """Raise a ConfigurationError if a condition holds."""
+    if condition:
+        raise ConfigurationError(code, message)
+
+
 def positive(name: str, value: float, unit: str = "") -> float:
     """Return a number that is positive and finite; refuse any other.
 

@@ -11,6 +11,7 @@ import time
 from typing import NamedTuple
 
 import numpy as np
+from paper_draws import refitted_draws
 from paper_study import AS_PUBLISHED, Part, Study
 
 from jitterkit.forecast import (
@@ -20,7 +21,6 @@ from jitterkit.forecast import (
     jitter_of_kind,
     linearised_draws,
     noise_free_fit,
-    refitted_draws,
 )
 from jitterkit.forward import Parameters
 from jitterkit.loci import Locus, Trace, principal_axes

@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from arcsine import arcsine_shares
 
 from jitterkit.loci import Locus, Mvn
 from jitterkit.loci.special import sinc_of_square
 from jitterkit.loci.streak import Streak
-from jitterkit.motion.arcsine import arcsine_shares
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.photons import annulus_area

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from arcsine import arcsine_shares
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -16,7 +17,6 @@ from matplotlib.ticker import MaxNLocator
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.forecast import Sweep
-from jitterkit.motion import arcsine_shares
 from jitterkit.report.forecast_plots import plot_errors
 from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.plots import BLUE, INK, RUST, axes_or_new, finish

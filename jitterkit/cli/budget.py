@@ -11,8 +11,7 @@ from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.quantities import parse_angle, parse_number
-from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _USUAL = 0.15
 """Sigma in pixels of a jitter that is not given: that of a drift of half a pixel."""
@@ -26,7 +25,7 @@ def budget(
     effect: list[str] | None = None,
     frames: Annotated[int, typer.Option(min=1)] = 10_000,
     target: str = "1uas",
-    background: options.Background = True,
+    background: bool = True,
     products: Annotated[options.Products, Fixed(plot=None)],
 ) -> None:
     """List the effects that the model leaves out or holds, and what each does to the separation of a pair.
@@ -78,8 +77,7 @@ def _sizes(texts: list[str]) -> dict[str, float]:
     """Return sizes by the names of effects."""
     sizes = {}
     for text in texts:
-        name, equals, value = text.partition("=")
+        name, _, value = text.partition("=")
         problem = f"--effect {text} is not understood; write plate_scale=1e-6."
-        refuse_if(not equals, ErrorCode.MALFORMED, problem)
         sizes[name.strip()] = parse_number(value, lambda size: 0 < size < math.inf, problem)
     return sizes

@@ -35,7 +35,7 @@ def calibrate(
     dead: float = 0.5,
     smooth: bool = False,
     memory: float = 1200.0,
-    overwrite: options.Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Measure a detector from bias, dark and flat frames, or from some of them.
 

@@ -12,8 +12,8 @@ from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
-from jitterkit.cli.runtime import open_instrument, print_table, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import open_instrument, print_table
+from jitterkit.errors import ErrorCode, refuse_if
 
 _USUAL = 0.3
 """Sigma in pixels, of a jitter and of a diffusion that are not given."""
@@ -31,7 +31,7 @@ def causes(
     telemetry: str = "5%",
     refocus: Annotated[float, typer.Option(min=1)] = 100.0,
     pair: options.Pair,
-    background: options.Background = True,
+    background: bool = True,
     products: options.Products,
 ) -> None:
     """Distinguish the causes of a wide image: jitter, charge diffusion, defocus and seeing.

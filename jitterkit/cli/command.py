@@ -6,8 +6,8 @@ Reach for :func:`as_command`.  The parameters of the function are the options of
   command line, and the function receives the dataclass.  A field that is added to a group is an option of
   every command that has the group.
 * Metavar and help of an option stand in the section *Parameters* of a docstring, as ``name : METAVAR`` with
-  the text below.  The docstring of a command has precedence over those of its groups, and a
-  ``typer.Option`` or ``typer.Argument`` in the annotation has precedence over both.
+  the text below.  The docstring of a command has precedence over those of its groups, these over that of
+  :mod:`jitterkit.cli.options`, and a ``typer.Option`` or ``typer.Argument`` in the annotation over all.
 * A switch that is off by default has no form with ``--no-``.
 """
 
@@ -28,8 +28,9 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
+from jitterkit.cli import options as shared
 from jitterkit.cli.runtime import USAGE, log, log_error
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError
+from jitterkit.errors import ErrorCode, JitterkitError, refuse_if
 
 _HEADING = "\n\nParameters\n----------\n"
 
@@ -84,9 +85,8 @@ def _refuse_infinite(given: Mapping[str, Any]) -> None:
     for name, value in given.items():
         numbers = value if isinstance(value, list | tuple) else [value]
         for number in (number for number in numbers if isinstance(number, float)):
-            if not math.isfinite(number):
-                problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
-                raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
+            problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
+            refuse_if(not math.isfinite(number), ErrorCode.OUT_OF_RANGE, problem)
 
 
 def _refuse_lost_input(given: Mapping[str, Any]) -> None:
@@ -97,9 +97,9 @@ def _refuse_lost_input(given: Mapping[str, Any]) -> None:
     paths = {os.path.realpath(one) for one in inputs if isinstance(one, str | Path)}
     for name, output in outputs.items():
         within = output.suffix == ".fits" and os.path.realpath(output.parent) in paths
-        if output.is_file() and (within or os.path.realpath(output) in paths):
-            problem = f"--{name} {output} is a file that the command reads; give another name."
-            raise ConfigurationError(ErrorCode.CONFLICT, problem)
+        read = within or os.path.realpath(output) in paths
+        problem = f"--{name} {output} is a file that the command reads; give another name."
+        refuse_if(output.is_file() and read, ErrorCode.CONFLICT, problem)
 
 
 def _arguments(source: Callable, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def _arguments(source: Callable, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _options(source: Callable, texts: Texts, defaults: Mapping[str, Any]) -> Iterator[inspect.Parameter]:
     """Yield the options of a command or of a group; the options of a group replace the group."""
-    texts = {**_texts(source), **texts}
+    texts, common = {**_texts(source), **texts}, _texts(shared)
     for parameter, kind, marks in _parameters(source):
         if _is_group(kind):
             options = _options(kind, texts, marks.get(Default, {}))
@@ -124,8 +124,8 @@ def _options(source: Callable, texts: Texts, defaults: Mapping[str, Any]) -> Ite
         else:
             default = defaults.get(parameter.name, parameter.default)
             info = copy.copy(marks.get(OptionInfo) or marks.get(ArgumentInfo) or typer.Option())
-            metavar, help = texts.get(parameter.name, (None, None))
-            info.metavar, info.help = info.metavar or metavar or None, info.help or help
+            metavar, help = texts.get(parameter.name, common.get(parameter.name, ("", "")))
+            info.metavar, info.help = info.metavar or metavar or None, info.help or help or None
             if info.show_default is True:
                 info.show_default = default not in (None, parameter.empty)
             if default is False and info.default is ...:  # no names in the annotation
@@ -147,7 +147,7 @@ def _is_group(kind: Any) -> bool:
     return is_dataclass(kind)
 
 
-def _texts(source: Callable) -> Texts:
+def _texts(source: object) -> dict[str, tuple[str, str]]:
     """Return metavar and help of the options that a docstring describes; ``[mas]`` is no markup in it."""
     _, _, section = inspect.cleandoc(source.__doc__ or "").partition(_HEADING)
     return {

@@ -10,8 +10,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import LISTED, SOME_FAILED, log, prepare_jax, print_table, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, log, prepare_jax, print_table
+from jitterkit.errors import ErrorCode, refuse_if
 
 _ROUNDEST = "roundest"
 
@@ -81,12 +81,12 @@ def estimate(
     estimator: str | None = None,
     output: options.TableOutput = None,
     exports: Exports,
-    scene: options.SceneName = "auto",
-    background: options.Background = True,
-    model_error: options.ModelError = "0",
+    scene: str = "auto",
+    background: bool = True,
+    model_error: str = "0",
     detector: options.Detector,
-    hdu: options.Hdu = None,
-    overwrite: options.Overwrite = False,
+    hdu: int | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Estimate the blur of every frame, without a refit, and print a table.
 
@@ -111,6 +111,8 @@ def estimate(
     estimator : NAME
         With an instrument: score (default), mtf, moments, richardson-lucy or nnls; with --blind: blind
         (default), cepstrum, radon, autocorrelation or trail.
+    output : FILE.ecsv
+        Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.
     """
     from jitterkit.frames import find_files
     from jitterkit.report.outputs import check_table

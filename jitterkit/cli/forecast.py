@@ -11,8 +11,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
-from jitterkit.cli.runtime import log, open_instrument, print_table, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument, print_table
+from jitterkit.errors import ErrorCode, refuse_if
 from jitterkit.report.words import angle_size, number
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.quantities import parse_allowed, parse_time
-from jitterkit.cli.runtime import log, open_instrument, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument
+from jitterkit.errors import ErrorCode, refuse_if
 from jitterkit.report.words import angle_size
 
 if TYPE_CHECKING:
@@ -52,14 +52,14 @@ class FrameFit:
     """
 
     instrument: options.InstrumentName = "toliman"
-    scene: options.SceneName = "auto"
+    scene: str = "auto"
     locus: Annotated[str, typer.Option(metavar="auto|NAME", help=_LOCUS)] = "auto"
     estimator: str = "score"
     prior: Path | None = None
-    censored: options.Censored = False
+    censored: bool = False
     rays: bool = False
-    background: options.Background = True
-    model_error: options.ModelError = "0"
+    background: bool = True
+    model_error: str = "0"
     detector: options.Detector
     device: str | None = None
     float32: bool = False

@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from jitterkit.cli.options import Hdu
 from jitterkit.cli.runtime import SOME_FAILED, aligned, log_error, prepare_jax
 from jitterkit.errors import FrameError
 
@@ -19,7 +18,7 @@ Rows = list[tuple[str, str, str, str]]
 """Name, value, unit and source of quantities."""
 
 
-def info(*, things: Annotated[list[str], typer.Argument()], hdu: Hdu = None) -> None:
+def info(*, things: Annotated[list[str], typer.Argument()], hdu: int | None = None) -> None:
     """Print what is known about frames or instruments, and where each number comes from.
 
     Parameters

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from jitterkit.cli import options
 from jitterkit.cli.runtime import log, prepare_jax
 
 
@@ -47,7 +46,7 @@ class Contents:
     kind: str | None = None
     plate_scale: float | None = None
     shape: tuple[int, int] | None = None
-    hdu: options.Hdu = None
+    hdu: int | None = None
     centre: tuple[float, float] | None = None
     jittered: bool = False
     band: tuple[float, float] | None = None
@@ -64,7 +63,7 @@ def instrument(
     file: Annotated[Path, typer.Argument()],
     output: Annotated[Path, typer.Option("--output", "-o")],
     contents: Contents,
-    overwrite: options.Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Write an instrument file of a PSF or a pupil in FITS.
 

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import jitterkit
-from jitterkit.cli.runtime import log, naming
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
 """Sizes with an option of their own; the others go by ``--set``."""
@@ -92,9 +91,8 @@ def build_locus(name: str, sizes: dict[str, Any]):
     wrong = [s for s in sizes if s in taken and (s == "knots") != (not isinstance(sizes[s], float))]
     if not (foreign or missing or wrong):
         return build(**sizes)
-    if {"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn:
-        message = f"The locus {name} takes --shear or --set sigma_minor, not both."
-        raise ConfigurationError(ErrorCode.CONFLICT, message)
+    message = f"The locus {name} takes --shear or --set sigma_minor, not both."
+    refuse_if({"shear", "sigma_minor"} <= sizes.keys() and kind is Mvn, ErrorCode.CONFLICT, message)
     may = [size for size in taken if size not in needed]
     may += ["shear"] if kind is Mvn and "shear" not in taken else []
     code, problem = ErrorCode.MISSING_VALUE, ""
@@ -107,27 +105,6 @@ def build_locus(name: str, sizes: dict[str, Any]):
     problem += f"needs {_listed(needed)}"
     problem += f" and may have {_listed(may)}" if may else ""
     raise ConfigurationError(code, f"The locus {name} {problem}.")
-
-
-def trace_of(path: Path, exposure: float | None, locus: str, sizes: dict[str, Any]):
-    """Return the measured pointing in a file, from its start (or ``start``) over one exposure, if known.
-
-    Raises
-    ------
-    ConfigurationError
-        If another locus or its sizes are given too, or the record cannot be used.
-    """
-    from jitterkit.loci import Trace, read_trace
-
-    refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
-    with naming(path):
-        t, x, y = read_trace(path, log=log)
-        trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
-    duration = float(t[-1] - t[0])
-    if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
-        first = "" if "start" in sizes else "the first "
-        log(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
-    return trace
 
 
 def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motions: Any) -> None:

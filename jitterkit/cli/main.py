@@ -25,7 +25,6 @@ from jitterkit.cli.trade import trade
 
 app = typer.Typer(
     name="jitterkit",
-    help="Telescope jitter from images: blur kernels, and the binary separation behind them.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -31,7 +31,7 @@ def motion(
     exposure: float | None = None,
     cadence: float | None = None,
     bandwidth: float | None = None,
-    kind: options.SpectrumKind = None,
+    kind: str | None = None,
     rates: str | None = None,
     loss: bool = True,
     products: options.Products,

@@ -1,4 +1,32 @@
-"""Declare the options that several commands share, in groups that turn them into records of the package."""
+"""Declare the options that several commands share, in groups that turn them into records of the package.
+
+Parameters
+----------
+files : FILES_OR_DIRS
+    FITS or TIFF files, or directories of them.
+output : DIR
+    Directory for the results.
+overwrite
+    Replace files that exist.
+instrument : NAME|FILE.toml
+    A preset, or an instrument file.
+hdu
+    HDU to read; by default the first that holds an image.
+scene : auto|star|binary|stars
+    Scene of the frames; auto is the simplest scene that they support.
+background
+    Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a separation by
+    43 µas.
+model_error : FRACTION|auto
+    Error of the modelled light in each pixel, as a share of it, where the optics are not known exactly: added
+    to the noise; auto takes what each frame shows.
+censored
+    Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This keeps the
+    error small, and needs a response that is linear up to saturation.
+kind : bins|curve
+    Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or points of a
+    drawn curve, with power laws between them. By default their spacing decides.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +38,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from jitterkit.cli.loci import locus_sizes, other_sizes, parse_sizes
-from jitterkit.cli.runtime import command_line, refuse_if, write_picture
-from jitterkit.errors import ConfigurationError, ErrorCode, one_of
+from jitterkit.cli.runtime import command_line, write_picture
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, refuse_if
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -26,47 +54,10 @@ OF_PAIRS = ("separation", "theta", "contrast")
 """Options that only a pair uses."""
 
 
-Files = Annotated[
-    list[Path], typer.Argument(metavar="FILES_OR_DIRS", help="FITS or TIFF files, or directories of them.")
-]
-OutputDirectory = Annotated[
-    Path, typer.Option("--output", "-o", metavar="DIR", help="Directory for the results.")
-]
-Overwrite = Annotated[bool, typer.Option(help="Replace files that exist.")]
-InstrumentName = Annotated[
-    str, typer.Option("--instrument", "-i", metavar="NAME|FILE.toml", help="A preset, or an instrument file.")
-]
-Hdu = Annotated[int | None, typer.Option(help="HDU to read; by default the first that holds an image.")]
-_TABLE = "Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json."
-TableOutput = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.ecsv", help=_TABLE)]
-
-_SCENE = "Scene of the frames; auto is the simplest scene that they support."
-SceneName = Annotated[str, typer.Option(metavar="auto|star|binary|stars", help=_SCENE)]
-
-_BACKGROUND = (
-    "Fit a background and its gradient. If they are held at zero, a sky of 1 e-/pixel biases a "
-    "separation by 43 µas."
-)
-Background = Annotated[bool, typer.Option(help=_BACKGROUND)]
-
-_MODEL_ERROR = (
-    "Error of the modelled light in each pixel, as a share of it, where the optics are not known "
-    "exactly: added to the noise; auto takes what each frame shows."
-)
-ModelError = Annotated[str, typer.Option(metavar="FRACTION|auto", help=_MODEL_ERROR)]
-
-_CENSORED = (
-    "Treat saturated pixels as lower limits, instead of excluding all pixels near saturation. This "
-    "keeps the error small, and needs a response that is linear up to saturation."
-)
-Censored = Annotated[bool, typer.Option(help=_CENSORED)]
-
-_KIND = (
-    "Rows of the spectrum: bins of a measured spectrum (such as Welch's), which hold power, or points of "
-    "a drawn curve, with power laws between them. By default their spacing decides."
-)
-SpectrumKind = Annotated[str | None, typer.Option(metavar="bins|curve", help=_KIND)]
-
+Files = Annotated[list[Path], typer.Argument()]
+OutputDirectory = Annotated[Path, typer.Option("--output", "-o")]
+InstrumentName = Annotated[str, typer.Option("--instrument", "-i")]
+TableOutput = Annotated[Path | None, typer.Option("--output", "-o")]
 
 _LOCUS = typer.Option(metavar="NAME", help=f"Jitter: {', '.join(locus_sizes())}.")
 
@@ -254,11 +245,13 @@ class Products:
     ----------
     plot : FILE.png
         Draw the result.
+    output : FILE.ecsv
+        Also write the table; the name ends in .ecsv, .csv, .fits, .parquet or .json.
     """
 
     plot: Path | None = None
     output: TableOutput = None
-    overwrite: Overwrite = False
+    overwrite: bool = False
 
     def check(self) -> None:
         """Refuse a picture that is no PNG, a table of unknown ending, and files that cannot be written.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jitterkit.cli.loci import build_locus, refuse_other_motions, trace_of
-from jitterkit.cli.options import Jitter, SpectrumKind, required
+from jitterkit.cli.loci import build_locus, refuse_other_motions
+from jitterkit.cli.options import Jitter, required
 from jitterkit.cli.quantities import parse_number
 from jitterkit.cli.runtime import log, naming
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -62,7 +62,7 @@ class Motion:
 
     trace: Path | None = None
     spectrum: Path | None = None
-    kind: SpectrumKind = None
+    kind: str | None = None
     drift: str | None = None
 
     def pointing(self, jitter: Jitter, telescope, frames: int, row_order: int, generator) -> Pointing:
@@ -115,20 +115,26 @@ def _drifting(drift: str, telescope, locus, frames: int) -> Pointing:
 
 
 def _traced(path: Path, telescope, locus: str, sizes: dict[str, Any], row_order: int) -> Pointing:
-    """Return the measured pointing in a file, the same for every frame.
+    """Return the measured pointing in a file over one exposure, from its start or ``start``, for every frame.
 
     A rolling detector begins as early as the rows of the frame permit, unless ``start`` is among the sizes.
     """
-    if not telescope.detector.line_time:
-        return Pointing(trace_of(path, telescope.exposure, locus, sizes))
-    from jitterkit.loci import Stable, read_trace
+    from jitterkit.loci import Stable, Trace, read_trace
 
-    _exposure(telescope, "a --trace to move it")
+    rolls = bool(telescope.detector.line_time)
+    exposure = _exposure(telescope, "a --trace to move it") if rolls else telescope.exposure
     refuse_other_motions("--trace", locus, [name for name in sizes if name != "start"])
-    t, x, y = read_trace(path, log=log)
-    begin = sizes.get("start", t[0] + _wait(telescope))
     with naming(path):
-        return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))
+        t, x, y = read_trace(path, log=log)
+        if rolls:
+            begin = sizes.get("start", t[0] + _wait(telescope))
+            return Pointing(Stable.of(), shutters=_following(telescope, (t, x, y), begin, row_order))
+        trace = Trace.of(t, x, y, start=sizes.get("start"), exposure=exposure)
+    duration = float(t[-1] - t[0])
+    if exposure is not None and duration > 1.01 * exposure:  # beyond a sample or two over
+        first = "" if "start" in sizes else "the first "
+        log(f"{path}: {first}{exposure:g} of {duration:g} s of the trace are used for every frame.")
+    return Pointing(trace)
 
 
 def shaken(

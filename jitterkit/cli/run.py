@@ -19,16 +19,9 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit, Plan
 from jitterkit.cli.progress import live_screen, run_progress
-from jitterkit.cli.runtime import (
-    LISTED,
-    SOME_FAILED,
-    as_interrupt,
-    command_line,
-    log,
-    refuse_if,
-    until_interrupted,
-)
-from jitterkit.errors import ErrorCode, FrameError
+from jitterkit.cli.runtime import LISTED, SOME_FAILED, as_interrupt, command_line, log, until_interrupted
+from jitterkit.errors import ErrorCode, FrameError, printable, refuse_if
+from jitterkit.report.flags import decode_flags
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
 _REPORTED = {"prior_contradicted", "prior_unused", "prior_namesake"}
@@ -48,7 +41,7 @@ class Run:
         Continue an interrupted run; no frame is fitted twice.
     """
 
-    overwrite: options.Overwrite = False
+    overwrite: bool = False
     resume: bool = False
 
     def check(self, output: Path) -> None:
@@ -79,8 +72,6 @@ def finalize(run, telescope) -> None:
 
 def _list_frames(run) -> None:
     """Log the frames that were not fitted, and those whose prior was not used."""
-    from jitterkit.report.flags import decode_flags
-
     rows = ((row, set(decode_flags(row["flags"]))) for row in run.table)
     listed = [row for row, flags in rows if row["status"] != "ok" or _REPORTED & flags]
     for row in listed[:LISTED]:
@@ -91,8 +82,6 @@ def _list_frames(run) -> None:
 
 def _list_doubts(run) -> None:
     """Log how many fitted frames have a flag that leaves a number in doubt, with the first one's message."""
-    from jitterkit.report.flags import decode_flags
-
     fitted = run.table[run.table["status"] == "ok"]
     flags = [decode_flags(code) for code in fitted["flags"]]
     counts = {flag: sum(flag in words for words in flags) for flag in _DOUBTS}
@@ -197,7 +186,7 @@ def process(
     *,
     files: options.Files,
     output: options.OutputDirectory,
-    hdu: options.Hdu = None,
+    hdu: int | None = None,
     workers: Workers,
     plan: Plan,
     run: Run,
@@ -236,7 +225,7 @@ def watch(
     output: options.OutputDirectory,
     idle: Annotated[float | None, typer.Option(min=0.0)] = None,
     poll: Annotated[float, typer.Option(min=0.05)] = 1.0,
-    hdu: options.Hdu = None,
+    hdu: int | None = None,
     run: Run,
     fit: FrameFit,
 ) -> None:
@@ -255,8 +244,6 @@ def watch(
     poll : SECONDS
         How often to look for new files.
     """
-    from jitterkit.errors import printable
-
     if not directory.is_dir():
         code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
         raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")

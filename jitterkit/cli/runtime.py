@@ -124,12 +124,6 @@ def naming(path: Path) -> Iterator[None]:
         raise ConfigurationError(error.code, f"{path}: {message}") from None
 
 
-def refuse_if(condition: bool, code: ErrorCode, message: str) -> None:
-    """Raise a ConfigurationError if a condition holds."""
-    if condition:
-        raise ConfigurationError(code, message)
-
-
 def log_error(error: JitterkitError) -> None:
     """Write an error to stderr: its message, then its code in brackets, which scripts can compare."""
     log(f"jitterkit: {error} [{error.code}]")

@@ -10,8 +10,8 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.progress import progress_bar
-from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, refuse_if, write_picture
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, write_picture
+from jitterkit.errors import ErrorCode, refuse_if
 
 _MIN_SERIES = 25
 """Number of frames from which averages are studied."""
@@ -35,12 +35,12 @@ def sequence(
     global_shutter: bool = False,
     cadence: Annotated[float | None, typer.Option(min=1e-9)] = None,
     scene: str = "auto",
-    censored: options.Censored = False,
-    background: options.Background = True,
-    model_error: options.ModelError = "0",
+    censored: bool = False,
+    background: bool = True,
+    model_error: str = "0",
     detector: options.Detector,
-    hdu: options.Hdu = None,
-    overwrite: options.Overwrite = False,
+    hdu: int | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Fit frames of one pair together: shared separation, optics and detector; own position and jitter.
 

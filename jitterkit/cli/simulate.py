@@ -9,8 +9,8 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.pointing import Motion
-from jitterkit.cli.runtime import log, open_instrument, refuse_if
-from jitterkit.errors import ErrorCode
+from jitterkit.cli.runtime import log, open_instrument
+from jitterkit.errors import ErrorCode, refuse_if
 
 _SCENES = {"star": options.OF_PAIRS, "binary": (), "stars": (*options.OF_PAIRS, "flux")}
 """Scenes, and the options that each one does not use."""
@@ -34,7 +34,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0)] = 0,
     noise: bool = True,
     detector: bool = True,
-    overwrite: options.Overwrite = False,
+    overwrite: bool = False,
 ) -> None:
     """Simulate frames and write them with their truth in the header.
 

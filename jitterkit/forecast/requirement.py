@@ -9,7 +9,7 @@ loss is that of the mean over phases.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -136,11 +136,12 @@ def jitter_requirements(
         remedy = "look at flux, contrast and saturation"
         raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
     loss = time_lost if fitted is None else bias
+    questions = [*((kind, math.nan) for kind in MOTIONS), *(("vibration", cycle) for cycle in cycles)]
     found: list[Requirement] = []
     for angle in angles:
         rms = _GUESS
-        for motion, cycle, make in _questions(cycles):
-            build = partial(make, angle=theta + angle)
+        for motion, cycle in questions:
+            build = partial(_loci, motion, cycle, theta + angle)
             guess = rms / _rms(build(1.0))  # motions of the same rms cost about the same
             size = largest_size(_after(loss, build), allowed, guess)
             finite = 0 < size < math.inf
@@ -149,19 +150,11 @@ def jitter_requirements(
     return sorted(found, key=_order)
 
 
-def _questions(cycles: Sequence[float]) -> Iterator[tuple[str, float, Callable[..., list[Locus]]]]:
-    """Name, cycles, and loci (of all phases) by size and angle, of every motion."""
-
-    def one(kind, size, angle):
-        return [jitter_of_kind(kind, size, angle)]
-
-    def phases(cycle, size, angle):
+def _loci(motion: str, cycle: float, angle: float, size: float) -> list[Locus]:
+    """Return the loci of a motion: of a vibration those of all phases."""
+    if motion == "vibration":
         return [PartialShm.of(size, angle, cycle, phase) for phase in _PHASES]
-
-    for kind in MOTIONS:
-        yield kind, math.nan, partial(one, kind)
-    for cycle in cycles:
-        yield "vibration", cycle, partial(phases, cycle)
+    return [jitter_of_kind(motion, size, angle)]
 
 
 def _beyond_quadrature(locus: Locus) -> bool:

@@ -4,9 +4,8 @@ Reach for :func:`cross_fit`.  Beside the rows that fit one locus to all data sta
 ``auto`` chooses for a whole sequence of frames with the same jitter, by the evidence of all of them, and
 ``auto, a frame`` for each frame by its own.
 
-Thousands of noisy frames are fitted on the same draws.  :func:`linearised_draws`: a scoring step is linear in
-the data, so that from a noise-free fit all frames are fitted by one matrix product.  :func:`refitted_draws`
-fits the very same frames in full, to measure what the step leaves out.
+Thousands of noisy frames are fitted on the same draws by :func:`linearised_draws`: a scoring step is linear
+in the data, so that from a noise-free fit all frames are fitted by one matrix product.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
 from jitterkit.loci import Locus
 from jitterkit.optics.system import Optics
-from jitterkit.refit import FitOptions, Status, fit_best_locus, fit_locus
+from jitterkit.refit import FitOptions
 from jitterkit.refit.evidence import log_evidence
 
 AUTO, AUTO_FRAME = "auto", "auto, a frame"
@@ -149,9 +148,6 @@ _CHUNK = 250
 
 _THREADS = 2
 
-_FITTED = (Status.OK, Status.POOR_FIT)
-"""Ends of a full refit that count: a wrong locus is a poor fit, and its separation is what is asked for."""
-
 
 class Draws(NamedTuple):
     """Noisy frames of one truth, each fitted with several loci.
@@ -202,8 +198,8 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
     -----
     With ``g`` the score that the noise makes at a noise-free fit and ``C`` the response there, the step is
     ``C g``, and the log-posterior gains ``g'Cg/2``.  What this leaves out is measured by
-    :func:`refitted_draws` on the same frames: give it a generator in the same state.  The products are in
-    single precision, which is a millionth of the separation's error.
+    ``scripts/reproduce_paper`` on the same frames.  The products are in single precision, which is a
+    millionth of the separation's error.
     """
     data = fits[0].data
     centre = np.asarray(data.electrons).ravel()
@@ -215,7 +211,7 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
     ends = np.cumsum([len(score) for score in scores])
 
     def fitted(job: tuple[np.random.Generator, int]) -> np.ndarray:
-        noise = (_frames(data, *job).reshape(job[1], -1) - centre).astype(np.float32)
+        noise = (noisy_frames(data, *job).reshape(job[1], -1) - centre).astype(np.float32)
         *responses, shares = np.split((rows @ noise.T).astype(float), ends)
         found = []
         for fit, score, log in zip(fits, responses, shares, strict=True):
@@ -225,69 +221,18 @@ def linearised_draws(fits: Sequence[CrossFit], draws: int, rng: np.random.Genera
         return np.array(found)
 
     with ThreadPoolExecutor(_THREADS) as pool:
-        every = np.concatenate(list(pool.map(fitted, _jobs(draws, rng))), axis=2)
+        every = np.concatenate(list(pool.map(fitted, chunks_of(draws, rng))), axis=2)
     return Draws(tuple(fit.fit.locus for fit in fits), every[:, 0], every[:, 1])
 
 
-def refitted_draws(
-    fits: Sequence[CrossFit],
-    optics: Optics,
-    draws: int,
-    rng: np.random.Generator,
-    *,
-    auto: bool = False,
-    options: FitOptions | None = None,
-) -> Draws:
-    """Fit noisy frames in full, each starting from the noise-free fit.
-
-    Parameters
-    ----------
-    fits, draws, rng
-        As for :func:`linearised_draws`: the same frames, where ``draws`` and the generator are the same.
-    optics : Optics
-    auto : bool
-        Add a row fitted with the locus that each frame chooses, as ``process`` would.
-    options : FitOptions, optional
-
-    Returns
-    -------
-    draws : Draws
-    """
-    starts = [_parameters_of(fit) for fit in fits]
-    otfs = [optics.otf(start.aberrations) for start in starts]
-    expected, truth = fits[0].data, fits[0].truth
-    nominal = optics.otf(truth.aberrations)
-    columns = []
-    for job in _jobs(draws, rng):
-        for electrons in _frames(expected, *job):
-            data = Data(electrons, expected.read_variance, expected.used, response=expected.response)
-            results = [
-                fit_locus(fit.fit.locus, data, optics, start, start.locus.moments(), otf, options)
-                for fit, start, otf in zip(fits, starts, otfs, strict=True)
-            ]
-            if auto:
-                moments = truth.locus.moments()
-                results.append(fit_best_locus(data, optics, truth, moments, nominal, options))
-            usable = [r.of_scene("separation") if r.status in _FITTED else np.nan for r in results]
-            columns.append([usable, [log_evidence(r) for r in results]])
-    separations, evidence = np.transpose(columns, (1, 2, 0))
-    names = tuple(fit.fit.locus for fit in fits)
-    return Draws((*names, "auto") if auto else names, separations, evidence)
-
-
-def _parameters_of(fit: CrossFit) -> Parameters:
-    assert fit.fit.parameters is not None
-    return fit.fit.parameters
-
-
-def _jobs(draws: int, rng: np.random.Generator) -> list[tuple[np.random.Generator, int]]:
-    """Generators of their own for chunks of frames, so that threads do not share one."""
+def chunks_of(draws: int, rng: np.random.Generator) -> list[tuple[np.random.Generator, int]]:
+    """Return chunks of frames with generators of their own, so that threads do not share one."""
     sizes = [min(_CHUNK, draws - first) for first in range(0, draws, _CHUNK)]
     return list(zip(rng.spawn(len(sizes)), sizes, strict=True))
 
 
-def _frames(data: Data, rng: np.random.Generator, draws: int) -> np.ndarray:
-    """Noisy frames (draws, ny, nx) of an expected one: photons, and what the detector adds to them."""
+def noisy_frames(data: Data, rng: np.random.Generator, draws: int) -> np.ndarray:
+    """Draw noisy frames (draws, ny, nx) of an expected one: photons, and what the detector adds to them."""
     weight, variance = np.asarray(data.weight), np.asarray(data.read_variance)
     expected = weight * np.maximum(np.asarray(data.electrons), 0.0)
     frames = rng.poisson(expected, (draws, *expected.shape)).astype(float)

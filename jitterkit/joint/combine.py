@@ -10,7 +10,7 @@ and Frazier, which inverts nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Reversible
+from collections.abc import Iterator, Mapping, Reversible
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -103,11 +103,7 @@ class Combined:
 
 
 def combine(
-    summaries: LikelihoodSummaries,
-    time_models: Mapping[str, TimeModel],
-    *,
-    flag: bool = True,
-    kept: np.ndarray | None = None,
+    summaries: LikelihoodSummaries, time_models: Mapping[str, TimeModel], kept: np.ndarray | None = None
 ) -> Combined:
     """Combine the likelihood summaries of frames.
 
@@ -117,17 +113,16 @@ def combine(
         At least one.
     time_models : mapping
         How each shared parameter changes, by name; what is not named is constant.
-    flag : bool
-        Whether to leave out frames that contradict the others.  Of good frames 0.01 a run is left out.
     kept : (n,) bool array, optional
-        The frames to count, where that has been decided.
+        The frames to count; by default all that do not contradict the others.  Of good frames 0.01 a run is
+        left out.
 
     Returns
     -------
     combined : Combined
     """
     if kept is None:
-        kept = consistent_frames(summaries, time_models) if flag else np.ones(len(summaries), bool)
+        kept = consistent_frames(summaries, time_models)
     return _sweep(Model.of(summaries, time_models), summaries, kept)
 
 
@@ -175,44 +170,20 @@ def log_likelihood(summaries: LikelihoodSummaries | list[LikelihoodSummary], mod
     return total
 
 
-class _Step(NamedTuple):
-    """Hold the prediction for one frame, before its update."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
-    evidence: float
-
-
-def _filter(model: Model, summaries: Iterable[LikelihoodSummary], kept: np.ndarray) -> Iterator[_Step]:
-    """Yield the prediction for each frame, and one after all, with the evidence of the frame before."""
-    run, evidence = Filter(model), 0.0
-    for summary, counts in zip(summaries, kept, strict=True):
-        run.predict(summary.time)
-        yield _Step(run.mean, run.covariance, evidence)
-        evidence = run.update(summary) if counts else 0.0
-    yield _Step(run.mean, run.covariance, evidence)
-
-
 def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Combined:
     """Filter forwards and smooth backwards."""
-    n, k = len(model.prior), len(model.names)
-    predictions, evidence = RecordFile(n + n * n), 0.0
-    last = None
-    for last in _filter(model, summaries, kept):
-        evidence += last.evidence
-        if len(predictions) < len(summaries):
-            predictions.append(last.mean, last.covariance)
-    assert last is not None
+    n = len(model.prior)
+    run, predictions, evidence = Filter(model), RecordFile(n + n * n), 0.0
+    for summary, counts in zip(summaries, kept, strict=True):
+        run.predict(summary.time)
+        predictions.append(run.mean, run.covariance)
+        evidence += run.update(summary) if counts else 0.0
     smoothed = _smooth(model, summaries, predictions, kept)
     predictions.close()
-    means = _final(model, last, model.first_states)
-    bends = [
-        i + 1 if each.states > 1 and not isinstance(each, OrnsteinUhlenbeck) else i
-        for i, each in zip(model.first_states, model.time_models, strict=True)
-    ]
-    bent = np.array([b != i for b, i in zip(bends, model.first_states, strict=True)])
-    slopes = _final(model, last, np.array(bends))
-    undetermined = np.sqrt(np.diag(last.covariance))[model.first_states] > _UNKNOWN * DIFFUSE
+    bent = np.array([m.states > 1 and not isinstance(m, OrnsteinUhlenbeck) for m in model.time_models])
+    means = _final(run, model.first_states)
+    slopes = _final(run, model.first_states + bent)  # the state after the mean
+    undetermined = np.sqrt(np.diag(run.covariance))[model.first_states] > _UNKNOWN * DIFFUSE
     covariance = np.where(np.add.outer(undetermined, undetermined), np.nan, means[1])
     return Combined(
         names=model.names,
@@ -222,15 +193,14 @@ def _sweep(model: Model, summaries: LikelihoodSummaries, kept: np.ndarray) -> Co
         slope_errors=np.where(bent, np.sqrt(np.diag(slopes[1])), np.nan),
         evidence=evidence,
         kept=kept,
-        frames=_reversed(smoothed, 2 * k + 2),
+        frames=_reversed(smoothed),
     )
 
 
-def _final(model: Model, last: _Step, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _final(run: Filter, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values and covariance of some states after all frames, in the parameters' units."""
-    return last.mean[index] * model.scale, last.covariance[np.ix_(index, index)] * np.outer(
-        model.scale, model.scale
-    )
+    scale = run.model.scale
+    return run.mean[index] * scale, run.covariance[np.ix_(index, index)] * np.outer(scale, scale)
 
 
 def _smooth(
@@ -283,8 +253,8 @@ def _chi2_and_limits(combined: Combined, frames: int) -> tuple[np.ndarray, np.nd
     return both[:, 0], np.asarray(scipy.stats.chi2.isf(chance, np.maximum(both[:, 1], 1)))
 
 
-def _reversed(records: RecordFile, width: int) -> RecordFile:
-    turned = RecordFile(width)
+def _reversed(records: RecordFile) -> RecordFile:
+    turned = RecordFile(records.width)
     for record in reversed(records):
         turned.append(record)
     records.close()

@@ -42,8 +42,7 @@ class Model:
         self.names = names
         self.time_models = [time_models.get(name, Constant()) for name in names]
         self.origin = first.at
-        information = np.diag(first.information)
-        self.scale = 1 / np.sqrt(np.where(information > 0, information, 1.0))
+        self.scale = first.errors
         self.owner = np.repeat(np.arange(len(self.time_models)), [each.states for each in self.time_models])
         self.first_states = np.searchsorted(self.owner, np.arange(len(self.time_models)))
         self.middle, self.half = (span[0] + span[1]) / 2, max((span[1] - span[0]) / 2, 1e-12)

@@ -8,9 +8,9 @@ frame with the shared parameters held, nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -130,16 +130,8 @@ class FrameFitter:
         if not self.hidden:
             return self
         trial = replace(self, shown=self.hidden)
-
-        def fitted(frame: Frame) -> FitResult:
-            return fit_without_outliers(
-                frame,
-                lambda one: Fitted(*trial._fit_alone(one, None)),
-                known_light=self.known_light,
-                model_error=self.model_error,
-            )[1].result
-
-        fits = map(fitted, frames)
+        alone = partial(trial._fit_alone, shutter=None)
+        fits = (self.without_outliers(frame, alone)[1].result for frame in frames)
         fit = next((fit for fit in fits if fit.status.usable and fit.parameters is not None), None)
         if fit is None or fit.parameters is None:
             return self
@@ -164,6 +156,15 @@ class FrameFitter:
         every = ("x", "y", "flux", *locus_class(self.locus).names, "background", *GRADIENT)
         held = held_with(self.hold)
         return tuple(name for name in every if name not in held)
+
+    def without_outliers(
+        self, frame: Frame, fit: Callable[[Frame], tuple[FitResult, OTF]], known: np.ndarray | None = None
+    ) -> tuple[Frame, Fitted]:
+        """Fit a frame without outlier pixels, of which some may be known (ny, nx); return it with its fit."""
+        light, error = self.known_light, self.model_error
+        return fit_without_outliers(
+            frame, lambda one: Fitted(*fit(one)), known=known, known_light=light, model_error=error
+        )
 
     def fit_first(
         self, frame: Frame, shutter: Shutter | None, near: Mapping[str, float] | None = None

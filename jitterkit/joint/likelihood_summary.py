@@ -33,6 +33,12 @@ class LikelihoodSummary(NamedTuple):
     score: np.ndarray
     information: np.ndarray
 
+    @property
+    def errors(self) -> np.ndarray:
+        """Return the errors (k,) of the shared parameters, all else known; one without information."""
+        information = np.diag(self.information)
+        return 1 / np.sqrt(np.where(information > 0, information, 1.0))
+
 
 class LikelihoodSummaries:
     """Keep the summaries of a run on disk, in the order of time.

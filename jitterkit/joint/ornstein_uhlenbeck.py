@@ -61,12 +61,8 @@ def fit_ornstein_uhlenbeck(
 
     start = np.log([spread, span / 5])
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.5]])
-    found = scipy.optimize.minimize(
-        cost,
-        start,
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1, "maxiter": 60},
-    )
+    settings = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1, "maxiter": 60}
+    found = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=settings)
     still = -log_likelihood(some, Model.of(summaries, {**time_models, **dict.fromkeys(names, Constant())}))
     if still - found.fun < _LEAST_GAIN:
         return Constant()
@@ -89,15 +85,11 @@ def initial_time_models(
     exposure : float
         s.
     """
-    loose = [
-        OrnsteinUhlenbeck(_STEP * error * math.sqrt(_FORGETS / 2), _FORGETS * exposure)
-        for error in _errors(summary)
-    ]
-    pairs = zip(time_models.items(), loose, strict=True)
-    return {
-        name: time_model if isinstance(time_model, Constant) else process
-        for (name, time_model), process in pairs
-    }
+    loose: dict[str, TimeModel] = {}
+    for (name, time_model), error in zip(time_models.items(), summary.errors, strict=True):
+        process = OrnsteinUhlenbeck(_STEP * error * math.sqrt(_FORGETS / 2), _FORGETS * exposure)
+        loose[name] = time_model if isinstance(time_model, Constant) else process
+    return loose
 
 
 def complete_time_models(
@@ -124,16 +116,9 @@ def complete_time_models(
     known = {name: time_model for name, time_model in time_models.items() if time_model is not None}
     unknown = [name for name in time_models if time_models[name] is None]
     if len(summaries) < _FEW:
-        first = next(iter(summaries))
-        errors = dict(zip(summaries.names, _errors(first), strict=True))
+        errors = dict(zip(summaries.names, next(iter(summaries)).errors, strict=True))
         return known | {name: Independent(_ANYWHERE * errors[name], exposure / 1000) for name in unknown}
     common = [name for name in unknown if name in aberrations]
     for group in (common, *([name] for name in unknown if name not in aberrations)):
         known |= dict.fromkeys(group, fit_ornstein_uhlenbeck(summaries, group, known)) if group else {}
     return known
-
-
-def _errors(summary: LikelihoodSummary) -> np.ndarray:
-    """Return the errors of a frame on the shared parameters, all else known."""
-    information = np.diag(summary.information)
-    return 1 / np.sqrt(np.where(information > 0, information, 1.0))

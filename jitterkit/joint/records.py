@@ -11,7 +11,7 @@ import tempfile
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -132,30 +132,20 @@ class FrameRecord:
     @classmethod
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
         """Make the record of a fit of a frame's own parameters."""
+        record = cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason, **more)
         if fit.parameters is None:
-            return cls(name, time, fit.status, fit.message, fit.flags, reason=fit.reason, **more)
+            return record
         scene, locus = fit.parameters.scene, fit.parameters.locus
         known = {n: float(getattr(scene, n)) for n in ("x", "y", "flux")}
         known |= dict(zip(locus.names, np.asarray(locus.coords), strict=True))
         known["background"] = float(fit.parameters.background)
         known |= dict(zip(GRADIENT, map(float, fit.parameters.gradient), strict=True))
         moments, covariance = moments_of(locus, fit.names, fit.covariance)
+        values = np.array([known[n] for n in own])
         with np.errstate(invalid="ignore"):
-            return cls(
-                name,
-                time,
-                fit.status,
-                fit.message,
-                fit.flags,
-                np.array([known[n] for n in own]),
-                np.array([fit.error(n) for n in own]),
-                np.asarray(moments),
-                np.sqrt(np.diag(covariance)),
-                fit.chi2_dof,
-                reason=fit.reason,
-                dof=fit.dof,
-                **more,
-            )
+            errors, spread = np.array([fit.error(n) for n in own]), np.sqrt(np.diag(covariance))
+        record = replace(record, values=values, errors=errors, chi2_dof=fit.chi2_dof, dof=fit.dof)
+        return replace(record, moments=np.asarray(moments), moment_errors=spread)
 
 
 class Records:
@@ -169,7 +159,11 @@ class Records:
 
     def __init__(self, own: tuple[str, ...]) -> None:
         self.own = own
-        self._numbers = RecordFile(15 + len(STATED) + 2 * len(own))
+        sizes: dict[str, Any] = dict.fromkeys(("time", "status", "has_summary", "chi2_dof", "dof"), ())
+        sizes |= {"values": len(own), "errors": len(own), "moments": 3, "moment_errors": 3}
+        sizes |= {"position": 2, "velocity": 2, "stated": len(STATED)}
+        self._columns, self._layout = tuple(sizes), np.dtype([(n, float, sizes[n]) for n in sizes])
+        self._numbers = RecordFile(self._layout.itemsize // 8)
         self._names: list[str] = []
         self._words: dict[int, tuple[str, tuple[str, ...], str]] = {}
 
@@ -178,49 +172,22 @@ class Records:
 
     def append(self, record: FrameRecord) -> None:
         """Add the next frame's record."""
-        blank = np.full(len(self.own), np.nan)
-        parts = (
-            [record.time, _STATUS.index(record.status), record.has_summary],
-            record.values if len(record.values) else blank,
-            record.errors if len(record.errors) else blank,
-            record.moments,
-            record.moment_errors,
-            [record.chi2_dof],
-            record.position,
-            record.velocity,
-            record.stated,
-            [record.dof],
-        )
+        numbers = {name: getattr(record, name) for name in self._columns}
+        numbers["status"] = _STATUS.index(record.status)
+        if not len(record.values):
+            numbers |= dict.fromkeys(("values", "errors"), np.nan)
         if record.status is not Status.OK or record.flags:
             self._words[len(self)] = (record.message, record.flags, record.reason)
-        self._numbers.append(*parts)
+        self._numbers.append(np.array([tuple(numbers.values())], self._layout).view(float))
         self._names.append(record.name)
 
     def __iter__(self) -> Iterator[FrameRecord]:
-        m = len(self.own)
         for index, numbers in enumerate(self._numbers):
-            status = _STATUS[int(numbers[1])]
-            chi2_dof = float(numbers[9 + 2 * m])
-            plain = (f"{Status.OK.value}: chi²/dof is {chi2_dof:.4g}.", (), "")
+            known = dict(zip(self._columns, numbers.view(self._layout)[0].item(), strict=True))
+            known |= {"status": _STATUS[int(known["status"])], "has_summary": bool(known["has_summary"])}
+            plain = (f"{Status.OK.value}: chi²/dof is {known['chi2_dof']:.4g}.", (), "")
             message, flags, reason = self._words.get(index, plain)
-            yield FrameRecord(
-                self._names[index],
-                float(numbers[0]),
-                status,
-                message,
-                flags,
-                numbers[3 : 3 + m],
-                numbers[3 + m : 3 + 2 * m],
-                numbers[3 + 2 * m : 6 + 2 * m],
-                numbers[6 + 2 * m : 9 + 2 * m],
-                chi2_dof,
-                numbers[10 + 2 * m : 12 + 2 * m],
-                numbers[12 + 2 * m : 14 + 2 * m],
-                numbers[14 + 2 * m : -1],
-                bool(numbers[2]),
-                reason,
-                float(numbers[-1]),
-            )
+            yield FrameRecord(self._names[index], message=message, flags=flags, reason=reason, **known)
 
 
 class Exposure(NamedTuple):

@@ -23,7 +23,7 @@ from jitterkit.frames import Frame
 from jitterkit.joint.combine import Combined, combine
 from jitterkit.joint.filter import Filter, Model
 from jitterkit.joint.frame_fitter import FrameFitter
-from jitterkit.joint.likelihood_summary import LikelihoodSummaries
+from jitterkit.joint.likelihood_summary import LikelihoodSummaries, LikelihoodSummary
 from jitterkit.joint.ornstein_uhlenbeck import complete_time_models, initial_time_models
 from jitterkit.joint.records import Exposure, Records, reason_of, record_of
 from jitterkit.joint.result import SequenceFit
@@ -32,8 +32,6 @@ from jitterkit.joint.velocity import Shutters
 from jitterkit.linearisation import NearbyOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.refit import FitResult
-from jitterkit.refit.outliers import Fitted, fit_without_outliers
-from jitterkit.shutter import Shutter
 
 _CONVERGED = 1.0
 """Largest change of a shared parameter by the last pass, in joint standard errors; where it was 0.16, that of
@@ -153,11 +151,8 @@ class _Run:
 
     def _first_pass(self) -> tuple[LikelihoodSummaries, Records]:
         """Fit each frame with the shared parameters as the frames before it give them."""
-        fitter, summaries, records = (
-            self.fitter,
-            LikelihoodSummaries(self.fitter.shared),
-            Records(self.fitter.own),
-        )
+        fitter = self.fitter
+        summaries, records = LikelihoodSummaries(fitter.shared), Records(fitter.own)
         run: Filter | None = None
         here: FitResult | None = None
         nearby = NearbyOptics(fitter.optics)
@@ -179,15 +174,9 @@ class _Run:
                 # the first, or lost: what is shared, or the pair, has moved too far
                 return fitter.fit_first(frame, shutter, known)
 
-            frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
-            exposure = exposure._replace(frame=frame)
-            summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            has_summary = summary is not None
-            records.append(record_of(exposure, fit, fitter.own, of_all=fitter.flags, has_summary=has_summary))
+            fit, summary = self._add(1, exposure, fit_frame, summaries, records)
             if summary is None:
                 continue
-            summaries.append(summary)
-            self.keep(1, frame, fit)
             here = fit
             if run is None:
                 self.template = fit.parameters
@@ -201,11 +190,8 @@ class _Run:
         self, number: int, combined: Combined, before: Records
     ) -> tuple[LikelihoodSummaries, Records]:
         """Fit each frame with the shared parameters of all, from its fit in the pass before."""
-        fitter, summaries, records = (
-            self.fitter,
-            LikelihoodSummaries(self.fitter.shared),
-            Records(self.fitter.own),
-        )
+        fitter = self.fitter
+        summaries, records = LikelihoodSummaries(fitter.shared), Records(fitter.own)
         shared, velocities = combined.shared(), self.shutters.velocities(before)
         nearby = NearbyOptics(fitter.optics)
         for exposure, old, velocity in zip(self._frames(number), before, velocities, strict=True):
@@ -216,39 +202,41 @@ class _Run:
             values |= dict(zip(fitter.own, old.values, strict=True))
             assert self.template is not None
             shutter = self.shutters.of(exposure.frame, velocity)
-            start = _shuttered(fitter.at(self.template, values), shutter)
+            start = replace(fitter.at(self.template, values), shutter=shutter)
 
             def fit_frame(frame: Frame, start=start, shutter=shutter, values=values) -> tuple[FitResult, OTF]:
                 fit, otf = fitter.refit(frame, start, nearby.at(start))
                 # the shared parameters may not suit it: then fit it alone, and test it against the others
                 return (fit, otf) if fit.status.usable else fitter.fit_first(frame, shutter, values)
 
-            frame, fit, otf = self._without_outliers(len(records), exposure.frame, fit_frame)
-            exposure = exposure._replace(frame=frame)
-            summary = fitter.likelihood_summary(frame, fit, otf, exposure.time, first=not len(summaries))
-            more = {"velocity": velocity, "has_summary": summary is not None}
-            records.append(record_of(exposure, fit, fitter.own, of_all=fitter.flags, **more))
-            if summary is not None:
-                summaries.append(summary)
-                self.keep(number, frame, fit)
+            self._add(number, exposure, fit_frame, summaries, records, velocity=velocity)
         return _require_fitted(summaries, records)
 
-    def _without_outliers(
-        self, index: int, whole: Frame, fit: Callable[[Frame], tuple[FitResult, OTF]]
-    ) -> tuple[Frame, FitResult, OTF]:
-        """Fit a frame without outlier pixels, those of the passes before included; return it with its fit."""
+    def _add(
+        self,
+        number: int,
+        exposure: Exposure,
+        fit: Callable[[Frame], tuple[FitResult, OTF]],
+        summaries: LikelihoodSummaries,
+        records: Records,
+        **more,
+    ) -> tuple[FitResult, LikelihoodSummary | None]:
+        """Fit a frame without outlier pixels, those of the passes before included; add what a run keeps."""
+        fitter, index, whole = self.fitter, len(records), exposure.frame
+        assert whole is not None
         known = np.isin(np.arange(whole.mask.size), self.left_out.get(index, [])).reshape(whole.shape)
-        fitter = self.fitter
-        frame, fitted = fit_without_outliers(
-            whole,
-            lambda frame: Fitted(*fit(frame)),
-            known=known,
-            known_light=fitter.known_light,
-            model_error=fitter.model_error,
-        )
+        frame, fitted = fitter.without_outliers(whole, fit, known)
         if (found := np.flatnonzero(frame.mask & ~whole.mask)).size:
             self.left_out[index] = found
-        return frame, fitted.result, fitted.otf
+        result, exposure = fitted.result, exposure._replace(frame=frame)
+        first = not len(summaries)
+        summary = fitter.likelihood_summary(frame, result, fitted.otf, exposure.time, first=first)
+        more["has_summary"] = summary is not None
+        records.append(record_of(exposure, result, fitter.own, of_all=fitter.flags, **more))
+        if summary is not None:
+            summaries.append(summary)
+            self.keep(number, frame, result)
+        return result, summary
 
     def _frames(self, number: int) -> Iterator[Exposure]:
         """Yield the frames in the order of time, and report each."""
@@ -284,7 +272,3 @@ def _moved(before: Combined, after: Combined) -> float:
     errors = np.sqrt(np.diag(after.covariance))
     known = np.isfinite(errors)
     return float(np.max(np.abs(after.values - before.values)[known] / errors[known], initial=0.0))
-
-
-def _shuttered(p: Parameters, shutter: Shutter | None) -> Parameters:
-    return replace(p, shutter=shutter)

@@ -126,10 +126,8 @@ class SequenceFit:
         time_models = {**self.time_models, "separation": Polynomial(1)}
         with_slope = combine(self.summaries, time_models, kept=self.combined.kept)
         slope, error = with_slope.slopes[index], with_slope.slope_errors[index]
-        times = [
-            summary.time for summary in (next(iter(self.summaries)), next(iter(reversed(self.summaries))))
-        ]
-        half = max((times[1] - times[0]) / 2, np.finfo(float).tiny)
+        first, last = next(iter(self.summaries)), next(iter(reversed(self.summaries)))
+        half = max((last.time - first.time) / 2, np.finfo(float).tiny)
         return Slope(float(slope / half), float(error / half), float((slope / error) ** 2))
 
     def frames(self) -> Iterator[SequenceFrame]:
@@ -144,10 +142,6 @@ class SequenceFit:
             information = summary.information[index, index]
             slope = (summary.score - summary.information @ (shared.values - summary.at))[index]
             known = information > 0
-            yield SequenceFrame(
-                record,
-                shared,
-                bool(kept),
-                float(shared.values[index] + slope / information) if known else np.nan,
-                float(1 / np.sqrt(information)) if known else np.nan,
-            )
+            separation = float(shared.values[index] + slope / information) if known else np.nan
+            error = float(1 / np.sqrt(information)) if known else np.nan
+            yield SequenceFrame(record, shared, bool(kept), separation, error)

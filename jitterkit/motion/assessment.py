@@ -179,15 +179,10 @@ def assess_motion(
         found = (*times, trace_spectrum(left), (), split, before.split(), seen.steps(), smeared_locus(split))
         return Assessment(*found, frames, left_out=seen.planned - frames, step=step, lost=lost)
     remaining = motion if bandwidth is None else close_loop(motion, bandwidth)
-    return Assessment(
-        *times,
-        remaining,
-        motion_budget(remaining, exposure),
-        split_spectrum(remaining, exposure),
-        split_spectrum(motion, exposure),
-        motion_between_frames(remaining, exposure, cadence),
-        predicted_locus(remaining, exposure),
-    )
+    shares, locus = motion_budget(remaining, exposure), predicted_locus(remaining, exposure)
+    split, unguided = split_spectrum(remaining, exposure), split_spectrum(motion, exposure)
+    steps = motion_between_frames(remaining, exposure, cadence)
+    return Assessment(*times, remaining, shares, split, unguided, steps, locus)
 
 
 def _lost_between_samples(record: Record, split: Split, exposure: float) -> float:

@@ -74,7 +74,8 @@ def plot_transfer(calibration: Calibration, ax: Axes | None = None) -> Axes:
     line = transfer.variance(at)
     text = with_error(transfer.gain, transfer.gain_error)
     ax.plot(at, line, color=INK, lw=1.4, label=f"gain {text} e-/ADU")
-    ax.errorbar(*_points(used, "variance"), label="frame to frame", **_POINTS)
+    x, y, errors = ([getattr(o, name) for o in used] for name in ("signal", "variance", "variance_error"))
+    ax.errorbar(x, y, errors, label="frame to frame", **_POINTS)
     if spatial and prnu > 0:
         text = f"with PRNU of {100 * prnu:.2g} %"
         ax.plot(at, line + (prnu * at) ** 2, color=RUST, lw=1.1, ls="--", label=text)
@@ -163,11 +164,6 @@ def plot_read_noise(calibration: Calibration, ax: Axes | None = None) -> Axes:
     _mark_number(ax, measured, "root mean square")
     ax.set(xlabel="read noise [e-]", title="read noise")
     return _finish(ax, loc="upper right")
-
-
-def _points(levels: list, name: str) -> tuple[list[float], list[float], list[float]]:
-    values, errors = ([getattr(level, name + end) for level in levels] for end in ("", "_error"))
-    return [level.signal for level in levels], values, errors
 
 
 def _histogram(ax: Axes, values: np.ndarray, low: float, high: float, label: str) -> None:

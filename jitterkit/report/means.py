@@ -164,13 +164,8 @@ def stretch_means(at: np.ndarray, values: np.ndarray, errors: np.ndarray, count:
     dof = len(at) - int(there.sum())
     chi2_dof = float(np.sum(((values - level - mean[index]) / errors) ** 2) / dof) if dof else 1.0
     widened = math.sqrt(chi2_dof) if dof and chi2_dof > 1 + _SURE * math.sqrt(2 / dof) else 1.0
-    return Means(
-        at=moment[there] / weight[there],
-        values=mean[there] + level,
-        errors=weight[there] ** -0.5 * widened,
-        counts=n[there],
-        widened=widened,
-    )
+    errors = weight[there] ** -0.5 * widened
+    return Means(moment[there] / weight[there], mean[there] + level, errors, n[there], widened)
 
 
 _APART = 0.9

@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -68,17 +69,22 @@ class _Picture:
 
 def pack_picture(frame: Frame, result: FitResult) -> bytes:
     """Return what a picture is drawn from, compressed: about 0.15 MB for a frame of 128 x 128 pixels."""
-    picture = _picture(frame, result)
-    names = ("data", "model", "residual", "stars")
-    arrays = {name: getattr(picture, name) for name in names if getattr(picture, name) is not None}
+    p, scale = result.parameters, frame.plate_scale
+    header = {"name": printable(frame.name), "plate_scale": scale, "kind": ""}
+    arrays: dict[str, Any] = {"data": np.where(frame.mask, np.nan, frame.electrons)}
+    if result.image is not None and result.residual is not None:
+        arrays |= {"model": result.image, "residual": result.residual}
+        header["chi2_dof"] = result.chi2_dof
+        if p is not None:
+            letters = "" if isinstance(p.scene, Stars) else "AB"
+            header |= {"letters": letters, "locus_name": result.locus, "kind": locus_name(p.locus)}
+            if scale is not None:
+                arrays["stars"] = p.scene.sources()[:2]
     arrays = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
-    kind = "" if picture.locus is None else locus_name(picture.locus)
-    if picture.locus is not None and kind in LOCI:
-        arrays["coords"] = np.asarray(picture.locus.coords)
-    texts = {"name": picture.name, "letters": picture.letters, "locus_name": picture.locus_name}
-    numbers = {"plate_scale": picture.plate_scale, "chi2_dof": picture.chi2_dof, "kind": kind}
+    if p is not None and header["kind"] in LOCI:
+        arrays["coords"] = np.asarray(p.locus.coords)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, text=np.array(json.dumps(texts | numbers)), **arrays)
+    np.savez_compressed(buffer, text=np.array(json.dumps(header)), **arrays)
     return buffer.getvalue()
 
 
@@ -127,19 +133,6 @@ def choose_pictures(rows: Sequence[Row], limit: int = MOST_PICTURES) -> list[int
     failed = [i for i in ordered if rows[i]["status"] != "ok"]
     failed = failed[: max(limit // 2, limit - len(fitted))]
     return failed + fitted[: limit - len(failed)]
-
-
-def _picture(frame: Frame, result: FitResult) -> _Picture:
-    data = np.where(frame.mask, np.nan, frame.electrons)
-    name, scale, p = printable(frame.name), frame.plate_scale, result.parameters
-    if result.image is None or result.residual is None:
-        return _Picture(name, scale, data)
-    fit = np.asarray(result.image), np.asarray(result.residual), result.chi2_dof
-    if p is None:
-        return _Picture(name, scale, data, *fit)
-    stars = None if scale is None else np.asarray(p.scene.sources()[:2], float)
-    letters = "" if isinstance(p.scene, Stars) else "AB"
-    return _Picture(name, scale, data, *fit, stars, letters, p.locus, result.locus)
 
 
 class _Panels:

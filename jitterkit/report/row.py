@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -256,10 +257,10 @@ def group_failures(rows: Iterable[Row]) -> list[FailureKind]:
     kinds : list of FailureKind
         The most frequent first.
     """
-    found: dict[tuple[str, str], tuple[int, Row]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    examples: dict[tuple[str, str], Row] = {}
     for row in rows:
-        key = (row["status"], row.get("reason", ""))
-        count, example = found.get(key, (0, row))
-        found[key] = (count + 1, example)
-    kinds = [FailureKind(*key, *held) for key, held in found.items()]
-    return sorted(kinds, key=lambda kind: -kind.count)
+        kind = (row["status"], row.get("reason", ""))
+        counts[kind] += 1
+        examples.setdefault(kind, row)
+    return [FailureKind(*kind, count, examples[kind]) for kind, count in counts.most_common()]

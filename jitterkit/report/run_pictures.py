@@ -98,11 +98,13 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
     """Yield the separations with time, and what their averages do."""
     good = fitted(table)
     series = separation_series(table, clock) if good.sum() >= _MANY else None
-    if series is None:
-        yield _with_time(table, summary, clock, [])
-    else:
+    text = [_COUNTED] if clock.unit == "frame" and any(np.asarray(table["time"]).tolist()) else []
+    flags = None
+    if series is not None:
         outliers, rest, floor, trend = study_series(series)
-        yield _with_time(table, summary, clock, _describe_trend(trend, clock), outliers.flags)
+        text, flags = text + _describe_trend(trend, clock), outliers.flags
+    alt = "Separation of every frame with its error about the weighted mean"
+    yield _drawn("separation", draw_run(table, summary, clock, flags)[0], alt, " ".join(text), wide=True)
     if good.sum() >= _RUNNING:
         order = np.flatnonzero(good)[np.argsort(clock.at[good], kind="stable")]
         values, errors = (table[name].to_value("arcsec")[order] for name in ("separation", "separation_err"))
@@ -122,15 +124,6 @@ def _averages(table: QTable, summary: dict[str, Any], clock: Clock) -> Iterator[
         yield _drawn("averaging", ax, "Allan deviation of the separation", caption)
         alt = "Histogram of the residuals about the trend in stated errors"
         yield _drawn("fit", plot_pulls(outliers), alt, _describe_outliers(outliers.flags))
-
-
-def _with_time(
-    table: QTable, summary: dict[str, Any], clock: Clock, text: list[str], outliers: np.ndarray | None = None
-) -> RunPicture:
-    if clock.unit == "frame" and any(np.asarray(table["time"]).tolist()):
-        text = [_COUNTED, *text]
-    alt = "Separation of every frame with its error about the weighted mean"
-    return _drawn("separation", draw_run(table, summary, clock, outliers)[0], alt, " ".join(text), wide=True)
 
 
 def _describe_trend(trend: Trend, clock: Clock) -> list[str]:

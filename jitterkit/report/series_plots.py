@@ -81,12 +81,7 @@ def plot_averaging(series: Series, *, floor: Floor | None = None) -> list[Axes]:
 
 
 def plot_series(
-    series: Series,
-    ax: Axes | None = None,
-    *,
-    trend: Trend | None = None,
-    outliers: Outliers | None = None,
-    zoom: bool = False,
+    series: Series, ax: Axes | None = None, *, trend: Trend | None = None, outliers: Outliers | None = None
 ) -> Axes:
     """Draw a series with time.
 
@@ -99,8 +94,6 @@ def plot_series(
         Drawn with its 1 sigma band; without it the weighted mean.
     outliers : Outliers, optional
         Their flags; hollow diamonds.
-    zoom : bool
-        Let the axis hold the means of many points rather than the points.
 
     Returns
     -------
@@ -122,9 +115,7 @@ def plot_series(
         bars = e * scale if series.stated else None
         ax.errorbar(*to_axes(t, y), bars, fmt="o", color=BLUE, ms=4, elinewidth=0.9, label=f"{len(y)} frames")
     else:
-        reach = _draw_means(ax, series, trend, to_axes, scale)
-        if zoom:
-            ax.set_ylim(*reach)
+        _draw_means(ax, series, trend, to_axes, scale)
     if outliers is not None and (flags := outliers.flags).any():
         at = to_axes(series.times[flags], series.values[flags])
         ax.plot(*at, **_DIAMOND, zorder=5, label=f"{flags.sum()} do not belong")
@@ -136,8 +127,8 @@ def plot_series(
     return finish(ax)
 
 
-def _draw_means(ax: Axes, series: Series, trend: Trend, to_axes: Any, scale: float) -> tuple[float, float]:
-    """Faint points under means of stretches of time; the range that holds the means and the trend."""
+def _draw_means(ax: Axes, series: Series, trend: Trend, to_axes: Any, scale: float) -> None:
+    """Draw faint points under means of stretches of time."""
     y, e, t = series.present
     faint = max(0.05, min(0.5, 1500 / len(y)))
     ax.plot(*to_axes(t, y), ".", color=BLUE, ms=2.5, mew=0, alpha=faint, zorder=1, rasterized=True)
@@ -148,8 +139,6 @@ def _draw_means(ax: Axes, series: Series, trend: Trend, to_axes: Any, scale: flo
     x, heights = to_axes(means.at, means.values)
     label = f"{len(y):,} frames, {len(means.at)} means"
     ax.errorbar(x, heights, bars * scale, fmt="o", color=INK, ms=3.5, elinewidth=1.1, zorder=3, label=label)
-    low, high = np.min(heights - 2 * bars * scale), np.max(heights + 2 * bars * scale)
-    return float(low), float(high)
 
 
 def _trend_in_words(trend: Trend, scale: float, angle: str, per: float, unit: str) -> str:

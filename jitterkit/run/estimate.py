@@ -21,7 +21,7 @@ from jitterkit.frames.reader import Duplicates
 from jitterkit.kernels import kernel_moments
 from jitterkit.refit import FitResult, Status
 from jitterkit.refit.prior_file import CORRELATIONS
-from jitterkit.report.columns import Column, bind, bind_rows, measured, named
+from jitterkit.report.columns import Column, bind, measured, named
 from jitterkit.report.flags import FLAGS
 
 _MOMENTS = ("sxx", "sxy", "syy")
@@ -120,16 +120,15 @@ def estimate_files(
 def _table(rows: list[dict[str, Any]]) -> QTable:
     """Make the table; lengths are in pixels if the scale of a frame is not known."""
     scales = [1.0 if row["scale"] is None else row["scale"] for row in rows]
-    if np.all(np.isfinite(scales)):
-        return bind_rows(_COLUMNS, ([row[column.name] for column in _COLUMNS] for row in rows))
-    pixels, in_pixels = np.nan_to_num(scales, nan=1.0), []
+    powers = {} if np.all(np.isfinite(scales)) else _POWERS
+    pixels, columns = np.nan_to_num(scales, nan=1.0), []
     for column in _COLUMNS:
-        values = [row[column.name] for row in rows]
-        if power := _POWERS.get(column.unit):
+        values: Any = [row[column.name] for row in rows]
+        if power := powers.get(column.unit):
             column = replace(column, unit=column.unit.replace("arcsec", "pix"))
             values = np.array(values) / pixels**power
-        in_pixels.append((column, values))
-    return bind(in_pixels)
+        columns.append((column, values))
+    return bind(columns)
 
 
 def _row(one: Outcome, name: str, known: Duplicates, keep: Callable | None) -> dict[str, Any]:

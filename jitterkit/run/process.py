@@ -23,17 +23,8 @@ from jitterkit.batch.store import STORE, Store
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import find_files
 from jitterkit.frames.writer import replacing
+from jitterkit.report import outputs
 from jitterkit.report.html import write_report
-from jitterkit.report.outputs import (
-    CONFIGURATION,
-    FURTHER_STARS,
-    REPORT,
-    RUN,
-    STARS,
-    SUMMARY,
-    TABLE,
-    make_directory,
-)
 from jitterkit.report.pictures import choose_pictures, render_pictures
 from jitterkit.report.residual_stack import ResidualStack, join_stacks, most_stacked
 from jitterkit.report.row import Row
@@ -45,17 +36,11 @@ from jitterkit.run.stacked_stars import StackedStars, find_stacked_stars
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class BatchSettings:
-    """Frames of a batch, by the pixels of a frame."""
+_PIXELS = 2**21
+"""In the frames of a batch: 128 of 128 x 128, 4 s of work, 0.1 GB."""
 
-    pixels: int = 2**21
-    """In the frames of a batch: 128 of 128 x 128, 4 s of work, 0.1 GB."""
-    fewest: int = 16
-    most: int = 128
-
-
-BATCH = BatchSettings()
+_FEWEST, _MOST = 16, 128
+"""Frames of a batch, whatever their pixels."""
 
 
 @dataclass(frozen=True)
@@ -176,11 +161,11 @@ def prepare_run(
     if overwrite and resume:
         problem = "--resume continues a run, --overwrite starts it again; give one of the two."
         raise ConfigurationError(ErrorCode.CONFLICT, problem)
-    make_directory(directory, RUN, overwrite or resume)
+    outputs.make_directory(directory, outputs.RUN, overwrite or resume)
     notes = {"command": command}
     if resume:
-        return Store.resume(directory, configuration, notes, results=RUN)
-    return Store.create(directory, configuration, notes, overwrite=overwrite, results=RUN)
+        return Store.resume(directory, configuration, notes, results=outputs.RUN)
+    return Store.create(directory, configuration, notes, overwrite=overwrite, results=outputs.RUN)
 
 
 def keep(store: Store, record: Record, ranks: list) -> None:
@@ -206,7 +191,7 @@ def planned_before(directory: str | Path) -> Mapping[str, Any] | None:
 
 def batch_size(shape: tuple[int, int]) -> int:
     """Return how many frames of a shape ``(ny, nx)`` are a batch: more of small ones."""
-    return min(max(BATCH.pixels // (shape[0] * shape[1]), BATCH.fewest), BATCH.most)
+    return min(max(_PIXELS // (shape[0] * shape[1]), _FEWEST), _MOST)
 
 
 def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more: Iterable[Row] = ()) -> Run:
@@ -217,22 +202,22 @@ def write_outputs(store: Store, directory: Path, processor: FrameProcessor, more
     stack = most_stacked(stacks)
     summary = summarise(table, stack)
     described = {name: value for name, value in store.configuration.items() if name != FILES}
-    with replacing(directory / CONFIGURATION, overwrite=True) as temporary:
+    with replacing(directory / outputs.CONFIGURATION, overwrite=True) as temporary:
         temporary.write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    write_table(directory / TABLE, table, overwrite=True)
+    write_table(directory / outputs.TABLE, table, overwrite=True)
     if (stars := star_table(table)) is not None:
-        write_table(directory / STARS, stars, overwrite=True)
-    (directory / FURTHER_STARS).unlink(missing_ok=True)  # of the run so far
+        write_table(directory / outputs.STARS, stars, overwrite=True)
+    (directory / outputs.FURTHER_STARS).unlink(missing_ok=True)  # of the run so far
     if (further := _stacked_stars(stacks, table, processor)) is not None:
-        write_table(directory / FURTHER_STARS, further.table, overwrite=True)
+        write_table(directory / outputs.FURTHER_STARS, further.table, overwrite=True)
         summary["fit"] |= further.described(summary["separation"])
-    write_summary(directory / SUMMARY, summary, overwrite=True)
+    write_summary(directory / outputs.SUMMARY, summary, overwrite=True)
     duplicates = table[np.asarray(table["status"]) == "duplicate"]
     names = set(zip(duplicates["path"].tolist(), duplicates["frame"].tolist(), strict=True))
     shown = [one for one in store.pictures() if (one[0]["path"], one[0]["frame"]) not in names]
     chosen = choose_pictures([row for row, _ in shown])
     pictures = render_pictures(shown[index] for index in chosen)
-    write_report(directory / REPORT, pictures, table, summary, stack, overwrite=True)
+    write_report(directory / outputs.REPORT, pictures, table, summary, stack, overwrite=True)
     return Run(table, summary, directory)
 
 

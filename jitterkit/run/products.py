@@ -123,24 +123,14 @@ def _write_kernel(path: Path, measured: BlurMeasurement, oversample: int, file_r
     if scale is None:  # nothing to say in arcsec
         kind = "Blur that is not known to be jitter" if estimate.undetermined else "Custom jitter kernel"
         array, cards = in_rows(kernel, rows)
-        cards |= {
-            "JITRTYPE": (kind, "on pixels"),
-            "OVERSAMP": (oversample, "kernel pixels per detector pixel"),
-        }
+        cards["JITRTYPE"] = (kind, "on pixels")
+        cards["OVERSAMP"] = (oversample, "kernel pixels per detector pixel")
         remarks = "\n".join(filter(None, (estimate.undetermined, remark)))
         cards |= {"COMMENT": (remarks, "")} if remarks else {}
         write_fits(path, array, header=cards, overwrite=True)
     else:
-        write_kernel(
-            path,
-            kernel,
-            plate_scale=scale,
-            estimate=estimate,
-            oversample=oversample,
-            remark=remark,
-            rows=rows,
-            overwrite=True,
-        )
+        written: Any = {"estimate": estimate, "oversample": oversample, "remark": remark, "rows": rows}
+        write_kernel(path, kernel, plate_scale=scale, **written, overwrite=True)
 
 
 def _write_deblurred(path: Path, measured: BlurMeasurement, file_rows: bool) -> None:

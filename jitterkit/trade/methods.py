@@ -82,16 +82,10 @@ def _drawn(processor: FrameProcessor, frame: Frame) -> tuple[float, float]:
     fitted = processor.complete(frame)
     _separation(fitted.result)
     frame = frame if fitted.frame is None else fitted.frame
-    posterior = sample_posterior(
-        Data.of(frame, censored=processor.censored).clear(fitted.result.image),
-        processor.optics(frame),
-        fitted.result,
-        processor.options_of(frame).priors,
-        draws=_DRAWS,
-        chains=_CHAINS,
-        warmup=_WARMUP,
-        key=jax.random.key(zlib.crc32(np.asarray(frame.electrons).tobytes())),  # another chance in each frame
-    )
+    data = Data.of(frame, censored=processor.censored).clear(fitted.result.image)
+    known = data, processor.optics(frame), fitted.result, processor.options_of(frame).priors
+    key = jax.random.key(zlib.crc32(np.asarray(frame.electrons).tobytes()))  # another chance in each frame
+    posterior = sample_posterior(*known, draws=_DRAWS, chains=_CHAINS, warmup=_WARMUP, key=key)
     return posterior.mean("separation"), posterior.error("separation")
 
 

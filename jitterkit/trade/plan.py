@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 from jitterkit.batch.plan import PLAN
@@ -121,13 +122,14 @@ class Planner:
         for settings in every if tolerances else ():
             if worst_case.holds(settings, limit, roughly=True) and worst_case.holds(settings, limit):
                 settings = self._drop_aberrations(replace(settings, tolerance=max(tolerances)), allowed)
-                settings = self._drop_jitter(settings, allowed)
+                seen = replace(settings, jitter="seen")  # none in frames that show none
+                settings = seen if worst_case.holds(seen, limit) else settings
                 try:
                     return Plan(settings, worst_case.loss(settings), self.seconds(settings))
                 except JitterkitError:  # with noise, so little a model describes no frame
                     continue
         convergence_error = worst_case.convergence_error(min(GRID["tolerance"]))
-        loss = worst_case.loss(min(every, key=worst_case.rough_loss))
+        loss = worst_case.loss(min(every, key=partial(worst_case.loss, roughly=True)))
         least = max(loss / _MARGIN, convergence_error / _CONVERGENCE_SHARE)
         limits = f"within {1e6 * allowed:.2g} uas for certain; allow {_rounded_up(1e6 * least)} uas or more"
         problem = f"No settings keep the separation of these frames {limits}."
@@ -175,7 +177,7 @@ class Planner:
             widest = next(filter(worst_case.can_be_had, geometries), None)  # less padding is never more exact
             if widest is not None:
                 rest += [one for one in affordable if (one.pad, one.region) == (widest.pad, region)]
-        return min(rest or affordable, key=worst_case.rough_loss)
+        return min(rest or affordable, key=partial(worst_case.loss, roughly=True))
 
     def seconds(self, settings: Settings) -> float:
         """Measure the time of a frame: one at a time, as in a run of so many.
@@ -219,11 +221,6 @@ class Planner:
             if cost <= _LEFT_OUT * allowed and worst_case.holds(fewer, _MARGIN * allowed):
                 settings = fewer
         return settings
-
-    def _drop_jitter(self, settings: Settings, allowed: float) -> Settings:
-        """Drop jitter in frames that show none, where the limit allows."""
-        seen = replace(settings, jitter="seen")
-        return seen if self.worst_case.holds(seen, _MARGIN * allowed) else settings
 
 
 def _rounded_up(value: float) -> str:

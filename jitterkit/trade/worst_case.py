@@ -56,16 +56,13 @@ class WorstCase:
         """Return the least standard error of the separation in the fits of the examples [arcsec]."""
         return min(one.result.error("separation") for one in self.examples)
 
-    def loss(self, settings: Settings) -> float:
+    def loss(self, settings: Settings, *, roughly: bool = False) -> float:
         """Return the largest loss: bias and added scatter, in squares, and jitter not fitted [arcsec].
 
-        Infinite where the settings are not available.
+        Infinite where the settings are not available.  The rough loss is that if pupil and spectrum have the
+        same effect in every geometry.
         """
-        return self._left_out(settings) + max(self._loss(one, settings) for one in self.examples)
-
-    def rough_loss(self, settings: Settings) -> float:
-        """Return the loss if pupil and spectrum have the same effect in every geometry."""
-        losses = (self._loss(one, settings, roughly=True) for one in self.examples)
+        losses = (self._loss(one, settings, roughly=roughly) for one in self.examples)
         return self._left_out(settings) + max(losses)
 
     def holds(self, settings: Settings, limit: float, *, roughly: bool = False) -> bool:

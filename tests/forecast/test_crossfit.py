@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from paper_draws import refitted_draws
 
 from jitterkit.conventions import FWHM_PER_SIGMA
 from jitterkit.detectors import Detector
-from jitterkit.forecast import linearised_draws, noise_free_fit, refitted_draws
+from jitterkit.forecast import linearised_draws, noise_free_fit
 from jitterkit.forward import expected_image, to_vector
 from jitterkit.frames import RawFrame
 from jitterkit.loci import Linear, Mvn, Shm, Stable

@@ -13,6 +13,11 @@ from jitterkit.joint.time_models import Constant, OrnsteinUhlenbeck, Polynomial
 FRAMES = 40
 
 
+def every(summaries):
+    """Count all frames."""
+    return np.ones(len(summaries), bool)
+
+
 def summarise(rng, truth, times, *, scatter=1.0):
     """Make summaries of frames that measure two correlated parameters (n, 2), at points near them."""
     summaries = LikelihoodSummaries(("separation", "focus"))
@@ -51,7 +56,7 @@ def test_constant_and_ornstein_uhlenbeck_are_the_dense_solution(rng):
     times = np.sort(rng.uniform(0, 100, FRAMES))
     truth = np.column_stack([np.full(FRAMES, 5.0), 3 * np.sin(times / 20)])
     summaries, noisy = summarise(rng, truth, times)
-    found = combine(summaries, {"focus": OrnsteinUhlenbeck(3.0, 25.0)}, flag=False)
+    found = combine(summaries, {"focus": OrnsteinUhlenbeck(3.0, 25.0)}, every(summaries))
     apart = np.abs(np.subtract.outer(times, times))
     wide = 1e4 * np.ones((FRAMES, FRAMES))
     mean, covariance = solved_at_once(noisy, prior_of(times, wide, wide + 9 * np.exp(-apart / 25)))
@@ -67,7 +72,7 @@ def test_a_polynomial_is_the_weighted_least_squares_one(rng):
     u = (times - 30) / 20
     truth = np.column_stack([5 + 0.7 * u, np.full(FRAMES, -2.0)])
     summaries, noisy = summarise(rng, truth, times)
-    found = combine(summaries, {"separation": Polynomial(1)}, flag=False)
+    found = combine(summaries, {"separation": Polynomial(1)}, every(summaries))
     design = np.zeros((2 * FRAMES, 3))
     design[::2, 0], design[::2, 1], design[1::2, 2] = 1, u, 1
     weight = np.zeros((2 * FRAMES, 2 * FRAMES))
@@ -92,8 +97,8 @@ def test_evidence_prefers_the_law_that_is_true(rng):
     ):
         summaries, _ = summarise(rng, truth, times)
         assert (
-            combine(summaries, better, flag=False).evidence
-            > combine(summaries, worse, flag=False).evidence + 3
+            combine(summaries, better, every(summaries)).evidence
+            > combine(summaries, worse, every(summaries)).evidence + 3
         )
 
 
@@ -104,7 +109,7 @@ def test_leave_one_out_chi_squared_is_that_of_the_frame_against_the_others(rng):
     centre = np.linalg.solve(others, sum(part @ best for i, (best, part) in enumerate(noisy) if i != 7))
     best, part = noisy[7]
     expected = (best - centre) @ np.linalg.solve(np.linalg.inv(part) + np.linalg.inv(others), best - centre)
-    shared = list(combine(summaries, {}, flag=False).shared())
+    shared = list(combine(summaries, {}, every(summaries)).shared())
     assert shared[7].leave_one_out_chi2 == pytest.approx(expected, rel=1e-4)
     assert shared[7].dof == 2
     # 40 frames of two degrees of freedom, nearly independent: mean 2, standard error 0.32
@@ -126,7 +131,7 @@ def test_frames_that_do_not_belong_are_left_out_and_the_rest_is_as_if_they_were_
     for i, summary in enumerate(clean):
         if i not in bad:
             without.append(summary)
-    expected = combine(without, {}, flag=False)
+    expected = combine(without, {}, every(without))
     assert np.allclose(found.values, expected.values, atol=1e-4)
     assert np.allclose(found.covariance, expected.covariance, rtol=1e-6)
 

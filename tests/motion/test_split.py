@@ -3,14 +3,8 @@ import pytest
 from refusals import refused
 
 from jitterkit.errors import ErrorCode
-from jitterkit.motion import (
-    Line,
-    PowerSpectrum,
-    cumulative_split,
-    motion_between_frames,
-    split_line,
-    split_spectrum,
-)
+from jitterkit.motion import Line, PowerSpectrum, cumulative_split, split_line, split_spectrum
+from jitterkit.motion.split import motion_between_frames
 
 MIX = np.array([1.0, -0.4, 2.0])
 """x, xy and y of a process whose axes differ and are correlated."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jitterkit.motion import difference_weight, legendre_weight, part_weights
+from jitterkit.motion.split import difference_weight, legendre_weight, part_weights
 
 CYCLES = np.array([0.03, 0.1, 0.2, 0.5, 0.7, 1.0, 1.5, 2.3, 6.1])
 

@@ -4,13 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
+from arcsine import arcsine_density, arcsine_shares
 from refusals import refused
 from scipy.integrate import quad
 from scipy.stats import chi2
 
 from jitterkit.errors import ErrorCode
 from jitterkit.loci import Shm
-from jitterkit.motion import arcsine_density, arcsine_shares
 
 
 def test_the_integral_over_a_cell_is_that_of_the_density():
@@ -48,3 +48,8 @@ def test_the_locus_of_a_vibration_has_the_same_law():
 def test_no_amplitude_has_no_density(amplitude):
     with refused(ErrorCode.OUT_OF_RANGE, f"{amplitude:g}"):
         arcsine_density(0.0, amplitude)
+
+
+def test_the_cells_of_a_vibration_of_one_share_its_time_alike():
+    np.testing.assert_allclose(arcsine_shares([-1.0, -0.5, 0.5, 1.0], 1.0), 1 / 3)
+    assert arcsine_density(0.0, 2.0) * 2 * np.pi == 1.0
