@@ -12,6 +12,7 @@ computed in 32 bits, at the start, and again only where the steps since then sho
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import pairwise
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jitterkit.errors import ErrorCode, refuse_if
 from jitterkit.forward import Parameters, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance_and_score, information_at
 from jitterkit.loci.simple import AnySimple
@@ -147,7 +149,14 @@ def fisher_scoring(
     Returns
     -------
     result : ScoringResult
+
+    Raises
+    ------
+    ConfigurationError
+        If the positions do not ascend.
     """
+    problem = f"The positions of free parameters must ascend, and {free} do not; sort them."
+    refuse_if(any(one >= other for one, other in pairwise(free)), ErrorCode.MALFORMED, problem)
     known = np.zeros((len(free), len(free))) if known is None else known
     # as arrays, so that another number of steps is not another program
     limits = np.asarray(max_steps), np.asarray(tolerance), np.asarray(_FINAL_ERROR if errors else np.inf)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ import pytest
 import jitterkit
 
 ROOT = Path(jitterkit.__file__).parent
+SCRIPTS = Path(__file__).parents[1] / "scripts"
 
 FLOORS = [
     {"errors", "conventions", "metric", "precision"},
@@ -159,3 +161,26 @@ def test_nothing_sets_64_bit_at_import():
         calls = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
         arguments = [a.value for call in calls for a in call.args if isinstance(a, ast.Constant)]
         assert room(path) == "cli" or "jax_enable_x64" not in arguments, path
+
+
+def test_what_a_script_imports_of_the_package_is_there():
+    """Most scripts are run by hand, so that a name that moves would break those in silence."""
+    texts = {path.name: path.read_text(encoding="utf-8") for path in SCRIPTS.iterdir() if path.is_file()}
+    scripts = {n: t for n, t in texts.items() if n.endswith(".py") or t.startswith("#!/usr/bin/env python")}
+    assert len(scripts) > 40
+    missing = []
+    for script, text in scripts.items():
+        nodes = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
+        for node in (node for node in nodes if (node.module or "").startswith("jitterkit")):
+            absent = (alias.name for alias in node.names if not is_there(node.module, alias.name))
+            missing += [f"{script}: {node.module}.{name}" for name in absent]
+    assert not missing
+
+
+def is_there(module: str, name: str) -> bool:
+    """Return whether a module has a name, or a package a module of that name."""
+    try:
+        there = hasattr(importlib.import_module(module), name)
+        return there or importlib.import_module(f"{module}.{name}") is not None
+    except ModuleNotFoundError:
+        return False

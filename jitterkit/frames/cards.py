@@ -99,12 +99,7 @@ class Cards:
     names : dict of str to None
         All keywords, each once, in the order of the headers.
     warnings : list of str
-    aside : Cards
-        The same cards for numbers that are only compared and not used: nobody reads their warnings.
     """
-
-    aside: Cards
-    warnings: list[str]
 
     def __init__(
         self, header: Mapping[str, Any], hdu: int = 0, inherit: Mapping[str, Any] | None = None
@@ -112,9 +107,14 @@ class Cards:
         self.layers = [(header, hdu), *([] if inherit is None else [(inherit, 0)])]
         listed = (getattr(header, "names", header) for header, _ in self.layers)
         self.names = dict.fromkeys(key for names in listed for key in names)
-        self.aside = copy.copy(self)
-        self.warnings, self.aside.warnings = [], []
-        self.aside.aside = self.aside
+        self.warnings: list[str] = []
+
+    @cached_property
+    def aside(self) -> Cards:
+        """The same cards for numbers that are only compared and not used: nobody reads their warnings."""
+        other = copy.copy(self)
+        other.warnings = []
+        return other
 
     def warn(self, text: str) -> None:
         """Add a warning, each once."""

@@ -1,11 +1,15 @@
 """Cards that stand twice, that have no value, and those of the primary header; astropy says what is right."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
 
 from jitterkit.frames import read_frames, write_fits
+from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import ALIASES, SOFTWARE_KEYS
 from jitterkit.frames.fitsio import PlainHeader
 from jitterkit.frames.times import TIME_KEYS
@@ -134,3 +138,25 @@ def test_a_card_without_a_value_lets_the_primary_header_answer(tmp_path):
     primary = fits.PrimaryHDU(header=fits.Header({"EXPTIME": 4.0}))
     fits.HDUList([primary, fits.ImageHDU(IMAGE)]).writeto(tmp_path / "a.fits")
     assert only(with_cards(tmp_path / "a.fits", card("EXPTIME", ""))).metadata.value("exposure") == 4.0
+
+
+def test_cards_let_their_header_go_at_once():
+    """No cycle keeps it until the collector runs: of 4000 HDUs that would be all headers at once."""
+    header = PlainHeader(card("EXPTIME", 2.0).encode() + b"END".ljust(80))
+    cards, gone = Cards(header), weakref.ref(header)
+    assert cards.aside.number("EXPTIME").value == 2.0
+    gc.disable()
+    try:
+        del cards, header
+        assert gone() is None
+    finally:
+        gc.enable()
+
+
+def test_a_warning_of_what_is_only_compared_is_not_one_of_the_header():
+    cards = Cards({"EXPTIME": "long", "EXPOSURE": 2.0})
+    assert cards.aside.number("EXPTIME") is None
+    assert not cards.warnings
+    assert cards.number("EXPTIME") is None
+    assert cards.number("EXPTIME") is None
+    assert len(cards.warnings) == 1

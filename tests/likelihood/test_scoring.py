@@ -211,3 +211,10 @@ def test_rounds_that_do_not_come_nearer_in_time_are_hopeless(levels, hopeless):
     stall = Stall(levels[0])
     told = [stall.is_hopeless(level, left) for level, left in zip(levels[1:], (6, 5, 4), strict=True)]
     assert told == [False, hopeless, hopeless]
+
+
+@pytest.mark.parametrize("free", [(1, 0), (0, 0), (0, 4, 2)])
+def test_positions_that_do_not_ascend_are_refused(truth, otf, data, free):
+    """Parameters are put together in pieces, from first to last: others would swap their values."""
+    with refused(ErrorCode.MALFORMED, *free):
+        fisher_scoring(truth, otf, data, free, Prior.none(len(free)))
