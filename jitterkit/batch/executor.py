@@ -5,8 +5,7 @@ before; no more than two batches are held at a time, however many there are.  Wh
 after some seconds, so that whoever keeps it loses little when the process is killed.
 
 What becomes of a frame depends on the frame and the reference frames of its batch alone, to the last digit:
-not on who else is working, nor on what was done before.  A :class:`MemoryLimiter` lets fewer frames be
-processed at a time when memory has run out.
+not on who else is working, nor on what was done before.
 
 :func:`jitterkit.batch.cluster.execute_on_cluster` does the same at the workers of a cluster.
 """
@@ -20,13 +19,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
 
 from jitterkit.batch.diagnose import status_from_exception
+from jitterkit.batch.memory import MemoryLimiter
 from jitterkit.batch.plan import Batch, FrameReader
 from jitterkit.errors import JitterkitError, out_of_memory
 from jitterkit.frames import Frame, Metadata, RawFrame
@@ -235,70 +234,3 @@ def _attempt(task: FrameTask, known: Outcome, raw: RawFrame | None, calibrated: 
         frame = calibrated if isinstance(calibrated, Frame) else None
         result = status_from_exception(error, frame, task.plate_scale)
     return Outcome(known.path, known.index, result, known.metadata, digest)
-
-
-class _Stay:
-    """A task that runs: how many ran at a time meanwhile."""
-
-    most = 0
-
-
-class MemoryLimiter:
-    """Lets some tasks run at a time, and fewer when memory has run out.
-
-    Parameters
-    ----------
-    concurrency : int
-        How many to begin with.
-    """
-
-    def __init__(self, concurrency: int) -> None:
-        self._concurrency, self._want_all = concurrency, 0
-        self._stays: list[_Stay] = []
-        self._changed = threading.Condition()
-
-    def run(self, task: Callable[[bool], T]) -> T:
-        """Call a task when it may run; if it runs out of memory, again with nothing beside it.
-
-        Where that helps, the others were to blame, and from then on fewer run at a time.
-
-        Parameters
-        ----------
-        task : callable
-            Called with whether it is alone: then what it raises is raised, else what is no lack of memory.
-        """
-        with self._stay(lambda: not self._want_all and len(self._stays) < self._concurrency) as stay:
-            try:
-                return task(False)
-            except Exception as error:
-                if not out_of_memory(error):
-                    raise
-        with self._changed:
-            self._want_all += 1
-        try:
-            with self._stay(lambda: not self._stays):  # all others have ended, and none may begin
-                result = task(True)
-        finally:
-            with self._changed:
-                self._want_all -= 1
-                self._changed.notify_all()
-        with self._changed:
-            if 0 < stay.most - 1 < self._concurrency:
-                self._concurrency = stay.most - 1
-                log.warning("Memory ran out: no more than %d threads work from here on.", self._concurrency)
-        return result
-
-    @contextmanager
-    def _stay(self, may_run: Callable[[], bool]) -> Iterator[_Stay]:
-        stay = _Stay()
-        with self._changed:
-            self._changed.wait_for(may_run)
-            self._stays.append(stay)
-            for one in self._stays:
-                one.most = max(one.most, len(self._stays))
-        try:
-            yield stay
-        finally:
-            with self._changed:
-                self._stays.remove(stay)
-                self._changed.notify_all()

@@ -31,6 +31,16 @@ _READABLE_COLUMNS = ("file", "frame", "status", "locus", "separation", "separati
 """Columns of a row that stand in the table ``frames`` besides, for people."""
 
 
+Row = dict[str, Any]
+"""Column name to text, integer or float."""
+
+Rank = tuple[bool, float, int, int]
+"""Whether a frame was fitted, minus its misfit, its batch and its position there: the worst sorts first."""
+
+TOP = 24
+"""Frames of each kind, fitted or not, of which data for a picture are kept."""
+
+
 class Store(AbstractContextManager["Store"]):
     """The store of a run; a context manager that keeps every other process out while it is open.
 
@@ -291,16 +301,6 @@ def _readable(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "backslashreplace").decode()
     return None if isinstance(value, int) and value.bit_length() > 63 else value
-
-
-Row = dict[str, Any]
-"""Column name to text, integer or float."""
-
-Rank = tuple[bool, float, int, int]
-"""Whether a frame was fitted, minus its misfit, its batch and its position there: the worst sorts first."""
-
-TOP = 24
-"""Frames of each kind, fitted or not, of which data for a picture are kept."""
 
 
 def rank(row: Row, batch: int, index: int) -> Rank:

@@ -10,6 +10,8 @@ rises with the light.  :func:`write_calibration` leaves maps and an instrument f
 """
 
 from jitterkit.calibration.calibration import FLAGS, Calibration, Settings, calibrate
+from jitterkit.calibration.level import Level
+from jitterkit.calibration.linearity import Linearity, fit_linearity
 from jitterkit.calibration.master import Master, MeasuredMap, combine
 from jitterkit.calibration.products import together, write_calibration
 from jitterkit.calibration.stack import Shot, Stack

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jitterkit.calibration.level import Level, Linearity, fit_linearity
+from jitterkit.calibration.level import Level
+from jitterkit.calibration.linearity import Linearity, fit_linearity
 from jitterkit.detectors.response import LIMIT
 from jitterkit.errors import ConfigurationError, ErrorCode
 

@@ -13,7 +13,6 @@ from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, ro
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.files import in_colour
-from jitterkit.frames.fitsio import celestial_wcs
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
 from jitterkit.frames.hdus import Group
@@ -22,6 +21,7 @@ from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.pixels import open_pixels
 from jitterkit.frames.sky import turned_over
 from jitterkit.frames.units import COUNTS, RATES
+from jitterkit.frames.wcs import celestial_wcs
 
 _MOSAIC_KEYS = ("BAYERPAT", "COLORTYP", "BAYRPAT", "CFA", "CFAIMAGE")
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.dialects import ALIASES
-from jitterkit.frames.fitsio import SCALE_KEYS
 from jitterkit.frames.hdu import ROLE_OF, Hdu
+from jitterkit.frames.wcs import SCALE_KEYS
 
 _MOST_LABELS = 999
 """A header of more labels is not looked for; it may declare billions of planes."""

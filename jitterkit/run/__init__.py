@@ -4,4 +4,4 @@ A run plans batches, has an executor process them (:mod:`jitterkit.batch`), keep
 the store, and writes table, summary and report (:mod:`jitterkit.report`).
 """
 
-from jitterkit.run.process import process_files
+from jitterkit.run.process import Run, process_files

@@ -12,7 +12,7 @@ from jax.errors import JaxRuntimeError
 from records import process_batches
 
 from jitterkit.batch import FrameProcessor
-from jitterkit.batch.executor import MemoryLimiter
+from jitterkit.batch.memory import MemoryLimiter
 from jitterkit.batch.plan import Batch, plan_batches
 from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.errors import ErrorCode, code_of, out_of_memory

@@ -7,8 +7,9 @@ from astropy.io import fits
 from astropy.wcs import WCS, Sip
 
 from jitterkit.frames import resolve_header, sky_position_angle
-from jitterkit.frames.fitsio import PlainHeader, celestial_wcs
+from jitterkit.frames.fitsio import PlainHeader
 from jitterkit.frames.sky import plate_scale, turned_over
+from jitterkit.frames.wcs import celestial_wcs
 
 SCALE = 0.375
 
