@@ -80,16 +80,12 @@ def _factors(parameters: Parameters, otf: OTF):
     """The factors of the spectrum: jitter and pixel; the optics; and the stars that each of these images."""
     blur = parameters.locus.transfer(*_fx_fy(otf)) * _pixel(otf, parameters.diffusion)
     state = parameters.aberrations
-    return blur, _parts(otf, state), _point_sources(parameters.scene, otf, otf.plate_scale_shift(state))
-
-
-def _parts(otf: OTF, state):
-    """Parts of the optics: by the instrument's spectrum; by the spectral index; of B alone."""
-    return otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
+    optics = otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
+    return blur, optics, _point_sources(parameters.scene, otf, otf.plate_scale_shift(state))
 
 
 def _light(optics, stars):
-    """Sum the light over the parts of the optics."""
+    """Sum over the parts of the optics: by the instrument's spectrum; by the spectral index; of B alone."""
     pairs = zip(optics, stars, strict=True)
     return sum(part * sources for part, sources in pairs if part is not None and sources is not None)
 
@@ -186,7 +182,8 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
     scale = otf.plate_scale_shift(state)
     stars, scene = _linearized(lambda v: _point_sources(unravel(v), otf, scale), vector)
     transfer, locus = _linearized(lambda c: parameters.locus.at(c).transfer(*_fx_fy(otf)), coords)
-    pixel, optics = _pixel(otf, parameters.diffusion), _parts(otf, state)
+    optics = otf.at(state), otf.chromatic_at(state), otf.difference_at(state)
+    pixel = _pixel(otf, parameters.diffusion)
     blur, light = transfer * pixel, _light(optics, stars)
     blocks = [  # the product rule, one block a factor: no derivative is pushed where it is known to be zero
         (scene, lambda parts: blur * _light(optics, parts)),

@@ -161,29 +161,25 @@ def toliman_pupil(highest: int = _HIGHEST) -> Pupil:
     cache directory; a damaged file is written again, and a directory that cannot be written to costs
     three seconds at each start.
     """
-    pupil, count = _kept(), highest - 3
-    return replace(pupil, basis=pupil.basis[:count], names=pupil.names[:count])
-
-
-def _kept() -> Pupil:
-    """Return the pupil with all of its aberrations, from disk if it is there."""
     try:
         version = importlib.metadata.version("dLuxToliman")
     except importlib.metadata.PackageNotFoundError:
         version = _REFERENCE
     path = cache_directory() / f"toliman-pupil-{version}-noll{_HIGHEST}.npz"
+    pupil = None
     if path.exists():
         try:
-            return read_pupil(path)
+            pupil = read_pupil(path)
         except ConfigurationError as problem:
             _log.info("Building the TOLIMAN pupil again: %s", problem)
-    pupil = _build()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_pupil(path, pupil)
-    except OSError as problem:
-        _log.info("The TOLIMAN pupil cannot be kept for the next start: %s", problem)
-    return pupil
+    if pupil is None:
+        pupil = _build()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_pupil(path, pupil)
+        except OSError as problem:
+            _log.info("The TOLIMAN pupil cannot be kept for the next start: %s", problem)
+    return replace(pupil, basis=pupil.basis[: highest - 3], names=pupil.names[: highest - 3])
 
 
 def cache_directory() -> Path:
