@@ -61,7 +61,7 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
         sides = [card[0] for card in map(cards.find, (f"{stem}2", f"{stem}1")) if card is not None]
         if len(sides) == 2 and all(isinstance(side, int) and side > 0 for side in sides):
             shape = sides[0], sides[1]
-    known, why = _found(cards, wcs, shape), ""
+    known, why = _of_sky(cards, wcs, shape), ""
     if known is None:
         return None
     scale, aside = known.value, cards.aside
@@ -79,30 +79,34 @@ def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
     return known
 
 
-def _found(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:
-    """Return the scale of the WCS; without one, that of a keyword or else of the optics."""
+def _of_sky(cards: Cards, wcs: Any, shape: tuple[int, int] | None) -> Sourced | None:
+    """Return the scale of the WCS; without one, that of a keyword or of the optics."""
     said = cards.first("plate_scale") or _of_area(cards)
     key = "" if said is None else said.source.removeprefix("header ").partition(" (")[0]
     along_y = cards.aside.believable("plate_scale", key[:-1] + "2") if key.endswith("1") else None
     if said is not None and along_y is not None and abs(along_y.value / said.value - 1) > 0.01:
         cards.warn(f"{key} = {said.value:g} is used, and {along_y.said} arcsec/pixel: pixels are not square")
-    optics, scale, problem = _of_optics(cards), 0.0, None
-    if wcs is not None:
-        scale, warnings = plate_scale(wcs, shape)
-        cards.warnings += warnings
-        problem = QUANTITIES["plate_scale"].problem(scale)
+    optics = _of_optics(cards)
+    if wcs is None:
+        return _without_sky(cards, said, key, optics)
+    scale, warnings = plate_scale(wcs, shape)
+    cards.warnings += warnings
+    problem = QUANTITIES["plate_scale"].problem(scale)
     if problem is not None:
         cards.warn(f"the WCS's scale = {scale:g} {problem} and is ignored")
-    elif wcs is not None:
-        for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
-            if other is not None and abs(other.value / scale - 1) > agreement:
-                cards.warn(f"{other.source} = {other.value:g} differs from the WCS's {scale:g} arcsec/pixel")
-        # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled
-        # image
-        fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
-        corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
-        source = f"header WCS (HDU {cards.layers[0][1]})"
-        return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
+        return _without_sky(cards, said, key, optics)
+    for other, agreement in ((said, 0.01), (optics, 0.1)):  # a focal length is a nominal one
+        if other is not None and abs(other.value / scale - 1) > agreement:
+            cards.warn(f"{other.source} = {other.value:g} differs from the WCS's {scale:g} arcsec/pixel")
+    # updatewcs (HST) multiplies the scale by VAFACTOR, assign_wcs (JWST) that of its SIP or resampled image
+    fitted = cards.text("CTYPE1").endswith("-SIP") or cards.text("S_RESAMP") == "COMPLETE"
+    corrected = bool(cards.text("UPWCSVER")) or (cards.text("S_WCS") == "COMPLETE" and fitted)
+    source = f"header WCS (HDU {cards.layers[0][1]})"
+    return Sourced(scale, "arcsec/pixel", source + VA_INCLUDED if corrected else source)
+
+
+def _without_sky(cards: Cards, said: Sourced | None, key: str, optics: Sourced | None) -> Sourced | None:
+    """Return the scale of a keyword, or else of the optics, where no WCS gives one."""
     if said is not None and optics is not None and abs(said.value / optics.value - 1) > 0.01:
         found = f"{optics.source} = {optics.value:g}"
         cards.warn(f"{said.source} = {said.value:g} differs from {found} arcsec/pixel")
