@@ -16,8 +16,8 @@ from jitterkit.detectors.knowledge import piece
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.forward import Parameters, displacement_effect, expected_image
 from jitterkit.frames.sky import sky_position_angle
+from jitterkit.instruments.background_stars import BackgroundStars
 from jitterkit.instruments.instrument import Instrument
-from jitterkit.instruments.sky import BackgroundStars
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Binary, Stars

@@ -16,8 +16,9 @@ from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.forward import Parameters, displacement_effect, expected_image
 from jitterkit.frames import RawFrame
 from jitterkit.instruments import read_instrument
-from jitterkit.instruments.instrument import describe_instrument
-from jitterkit.instruments.sky import BackgroundStars, Sky
+from jitterkit.instruments.background_stars import BackgroundStars
+from jitterkit.instruments.description import describe_instrument
+from jitterkit.instruments.sky import Sky
 from jitterkit.joint import Exposure, FrameFitter, refit_sequence
 from jitterkit.known_light import KnownLight, without_light
 from jitterkit.loci import Mvn

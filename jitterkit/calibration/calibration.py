@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jitterkit.calibration import dark_frames
+from jitterkit.calibration.checks import check_stacks, split_by_light
 from jitterkit.calibration.flat_frames import DEAD, Response, lamp, surface
 from jitterkit.calibration.level import Level, measure_level, unlit_level
 from jitterkit.calibration.master import CLIP, MEMORY, Master, MeasuredMap, combine
 from jitterkit.calibration.stack import Stack
-from jitterkit.calibration.stack_files import check_stacks, split_by_light
 from jitterkit.calibration.transfer import PhotonTransfer, mark_saturated, photon_transfer
 from jitterkit.errors import ConfigurationError, ErrorCode, positive
 

@@ -55,7 +55,7 @@ def _is_instrument(thing: str) -> bool:
 def _instrument(thing: str) -> Rows:
     from jitterkit.detectors import DETECTORS, detector_preset
     from jitterkit.instruments import PRESETS, load_instrument
-    from jitterkit.instruments.instrument import describe_detector, describe_instrument
+    from jitterkit.instruments.description import describe_detector, describe_instrument
 
     if thing in DETECTORS:
         return describe_detector(detector_preset(thing))

@@ -2,7 +2,7 @@
 
 One object works in both directions.  :meth:`Detector.expose` makes numbers of an expected image, in the
 order nature does: photons arrive, the well fills, the amplifier adds noise, the converter rounds and
-runs out of bits (:mod:`jitterkit.detectors.reduction`).  :meth:`Detector.calibrate` goes back, and says for
+runs out of bits (:mod:`jitterkit.detectors.readout`).  :meth:`Detector.calibrate` goes back, and says for
 every pixel how far it is to be trusted (:mod:`jitterkit.detectors.reduction`).  A frame that knows its own
 gain or noise keeps it; :meth:`Detector.inform` lays the detector's numbers underneath, by the ranks of
 :mod:`jitterkit.frames.metadata`.
@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.detectors import reduction
+from jitterkit.detectors import readout, reduction
 from jitterkit.detectors.characteristics import Characteristics
 from jitterkit.detectors.file_variance import NORMALISED, in_counts, is_normalised, with_read_variance
 from jitterkit.detectors.knowledge import ASSUMED, ceiling, piece, supplement
@@ -203,8 +203,8 @@ class Detector(Characteristics):
                 problem = f"{name} needs the exposure of the frame; give exposure, in s."
                 raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
         expected = np.maximum(np.asarray(expected, dtype=float), 0.0)
-        charge = reduction.collected_charge(self, expected, rng, exposure, origin)
-        return reduction.digitised(self, reduction.amplified(self, charge, rng, origin), origin)
+        charge = readout.collected(self, expected, rng, exposure, origin)
+        return readout.digitised(self, readout.amplified(self, charge, rng, origin), origin)
 
 
 _EMVA = "EMVA 1288 of Balluff's mvBlueFOX3-2205, same sensor"

@@ -14,7 +14,8 @@ from jitterkit.conventions import axis_angle
 from jitterkit.errors import ConfigurationError, ErrorCode, UndeterminedError
 from jitterkit.extended.blur_fit import Blur, fit_blur, normal, streak, vibration
 from jitterkit.extended.comparison import Comparison, Fit
-from jitterkit.extended.registration import align, fill, standing_pixels
+from jitterkit.extended.registration import align
+from jitterkit.extended.standing import fill, standing_pixels
 from jitterkit.kernel_estimate import KernelEstimate, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, Product, Shm, Smear, axis_variances, covariance_on_axis
 

@@ -18,7 +18,7 @@ from jitterkit.frames.sidecar import toml_text
 from jitterkit.frames.writer import replacing
 from jitterkit.instruments.instrument import Instrument
 from jitterkit.instruments.psf_fits import EffectivePsf, effective_psf
-from jitterkit.instruments.pupils import is_pupil, pupil_arrays
+from jitterkit.instruments.pupil_fits import is_pupil, pupil_arrays
 from jitterkit.optics.spectrum import LIGHT, Spectrum, flat_band
 
 Tables = dict[str, dict[str, Any]]

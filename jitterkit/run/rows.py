@@ -12,7 +12,7 @@ from functools import partial
 from jitterkit.batch import FrameProcessor, ProcessedFrame
 from jitterkit.batch.executor import Outcome
 from jitterkit.batch.plan import Batch
-from jitterkit.batch.store import Rank, wanted
+from jitterkit.batch.ranking import Rank, wanted
 from jitterkit.frames.reader import Duplicates
 from jitterkit.refit import FitResult
 from jitterkit.report.pictures import pack_picture

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
-from jitterkit.instruments.sky import read_star_table
+from jitterkit.instruments.background_stars import read_star_table
 from jitterkit.loci import Locus, locus_name, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.scene import Scene, Stars

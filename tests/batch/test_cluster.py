@@ -17,7 +17,7 @@ from jitterkit.batch import FrameProcessor, cluster
 from jitterkit.batch.cluster import connected, execute_on_cluster
 from jitterkit.batch.executor import execute
 from jitterkit.batch.plan import plan_batches
-from jitterkit.batch.store import TOP
+from jitterkit.batch.ranking import TOP
 from jitterkit.batch.worker import WorkerSetup
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits

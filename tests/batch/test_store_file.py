@@ -45,7 +45,8 @@ def work(directory, batches, opened):
     import time
     from pathlib import Path
 
-    from jitterkit.batch.store import Store, wanted
+    from jitterkit.batch.ranking import wanted
+    from jitterkit.batch.store import Store
 
     with Store.resume(Path(directory), {"size": 5}) as store:
         opened.send(True)

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from jitterkit.batch.store import Store, wanted
+from jitterkit.batch.ranking import wanted
+from jitterkit.batch.store import Store
 from jitterkit.report.pictures import MOST_PICTURES, choose_pictures
 
 

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from jitterkit.detectors import Detector
-from jitterkit.detectors.reduction import CHARGE, DEPTH, cosmic_rays
+from jitterkit.detectors.readout import CHARGE, DEPTH, cosmic_rays
 from jitterkit.errors import ErrorCode
 
 

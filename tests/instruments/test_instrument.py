@@ -14,7 +14,7 @@ from jitterkit.detectors import Detector
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame, read_frames, write_fits, write_tiff
 from jitterkit.instruments import PRESETS, Instrument, load_instrument, resolve
-from jitterkit.instruments.instrument import describe_detector, describe_instrument
+from jitterkit.instruments.description import describe_detector, describe_instrument
 from jitterkit.optics import flat_band, obstructed_circle
 
 BAND = flat_band(530.0, 640.0, 3)

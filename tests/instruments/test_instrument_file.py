@@ -9,7 +9,7 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
-from jitterkit.instruments.instrument import describe_instrument
+from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.toml import SECTIONS
 from jitterkit.optics import Colours, Pupil, flat_band
 from jitterkit.optics.pupil_file import write_pupil

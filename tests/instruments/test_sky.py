@@ -14,7 +14,7 @@ from jitterkit.errors import ErrorCode
 from jitterkit.frames import RawFrame, read_frames
 from jitterkit.frames.times import epoch_seconds
 from jitterkit.instruments import read_instrument, resolve
-from jitterkit.instruments.instrument import describe_instrument
+from jitterkit.instruments.description import describe_instrument
 from jitterkit.instruments.sky import Sky, velocity_aberration
 
 TARGET = (219.9021, -60.8340)
