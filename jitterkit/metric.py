@@ -68,7 +68,7 @@ def invert_information(information) -> tuple[np.ndarray, bool]:
         Whether it is not.
     """
     information = np.asarray(information)
-    scale = np.sqrt(np.diag(information))
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     sound = bool(np.all(np.isfinite(information)) and np.all(scale > 0))
     if sound and len(scale):
         unit = information / np.outer(scale, scale)

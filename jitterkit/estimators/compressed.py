@@ -211,13 +211,22 @@ class CompressedLikelihood:
         return float(score @ change - 0.5 * change @ curvature @ change)
 
     def _covariance(self, locus: Locus, slope: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-        """Return the covariance of all parameters fitted with a locus, in the order of its names."""
+        """Return the covariance of all parameters fitted with a locus, in the order of its names.
+
+        Raises
+        ------
+        LinAlgError
+            If the curvature is not that of a maximum: a normal that fits badly leaves such cumulants.
+        """
         beside, first = self.beside, self.names.index(Mvn.names[0])
         names = (*beside[:first], *locus.names, *beside[first:])
         turn = np.zeros((len(self.score), len(names)))
         turn[np.arange(len(beside)), [names.index(one) for one in beside]] = 1.0
         turn[len(beside) :, first : first + len(locus.names)] = slope
-        return names, np.linalg.inv(turn.T @ self.curvature @ turn)
+        covariance, sound = invert_information(turn.T @ self.curvature @ turn)
+        if not sound:
+            raise np.linalg.LinAlgError("the curvature is not that of a maximum")
+        return names, covariance
 
 
 def shaped_blur(step: CumulantStep, otf: OTF, data: Data, hold: Collection[str]) -> ShapedBlur | None:

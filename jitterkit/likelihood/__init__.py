@@ -13,7 +13,7 @@ Information is always the expected Fisher information, which is positive by cons
 the data need not be.
 """
 
-from jitterkit.likelihood.data import Data, is_clear
+from jitterkit.likelihood.data import Data
 from jitterkit.likelihood.equations import (
     NormalEquations,
     deviance,
@@ -37,7 +37,6 @@ __all__ = [
     "deviance_and_score",
     "equations_of",
     "information_at",
-    "is_clear",
     "known_information",
     "normal_equations",
     "pearson",

@@ -122,7 +122,8 @@ class Data(eqx.Module):
         """
         if not self.trims:
             return self
-        keep = np.asarray(is_clear(jnp.asarray(image), self))
+        with np.errstate(divide="ignore", invalid="ignore"):  # no pixel is clear of a ceiling of none
+            keep = self.used & clears(mean_counts(np.asarray(image), self), self)
         return Data(
             self.electrons,
             self.read_variance,
@@ -195,16 +196,10 @@ def _near(counts, level):
     return np.sqrt(np.maximum(counts, 0.0)) + _NEAR / 2 > np.sqrt(np.maximum(level, 0.0))
 
 
-@eqx.filter_jit
-def is_clear(image, data: Data):
-    """Pixels (ny, nx) that are used and that an expected image leaves clear of their ceiling."""
-    return data.used if data.ceiling is None else data.used & clears(mean_counts(image, data), data)
-
-
 def clears(mean, data: Data):
     """Return whether an expected count stays clear of its ceiling, by its :func:`ceiling_distance`."""
     level = _level(data)
-    root = 1 - 1 / (9 * level) - _CLEAR / (3 * jnp.sqrt(level))
+    root = 1 - 1 / (9 * level) - _CLEAR / (3 * array_module(level).sqrt(level))
     return data.weight * mean < level * root**3  # cubed here, where a cube root of the count takes longer
 
 

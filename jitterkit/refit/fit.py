@@ -211,11 +211,13 @@ def _fit_and_expand(
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = fit_from(clear, start, otf)
     hopeless = not end.converged and float(end.objective) > POOR * int(np.sum(np.asarray(clear.used)))
+    image = None
     for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
-        changed = data.clear(expected_image(end.parameters, otf))
+        image = np.asarray(expected_image(end.parameters, otf))
+        changed = data.clear(image)
         if np.array_equal(changed.used, clear.used):
             break
-        clear = changed
+        clear, image = changed, None
         end, otf, more = fit_from(clear, end.parameters, otf)
         iterations += more
     scene = end.parameters.scene.canonical() if set(names) & _NAMES_STAR_A else end.parameters.scene
@@ -223,17 +225,18 @@ def _fit_and_expand(
         # the covariance must be that of the canonical parameters
         canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
         end, otf, more = fit_from(clear, canonical, otf)
-        iterations += more
+        iterations, image = iterations + more, None
     system = optics.system if isinstance(optics, AnchoredOptics) else optics
     unseen = () if bool(end.converged) else system.nominal.blind()
-    result = _finalize(clear, otf, end, names, iterations, time.perf_counter() - began, unseen)
+    if image is None:
+        image = np.asarray(expected_image(end.parameters, otf))
+    result = _finalize(clear, otf, end, image, names, iterations, time.perf_counter() - began, unseen)
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
     return _flag_prior_conflict(result, options.priors, free, end), otf
 
 
-def _finalize(data, otf, end: ScoringResult, names, iterations, seconds, unseen=()) -> FitResult:
-    image = np.asarray(expected_image(end.parameters, otf))
+def _finalize(data, otf, end: ScoringResult, image, names, iterations, seconds, unseen=()) -> FitResult:
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
     end = with_possible_errors(end, data, otf, names)

@@ -9,7 +9,7 @@ from scipy import special, stats
 
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.frames import Frame
-from jitterkit.likelihood import Data, deviance, is_clear, normal_equations, pearson
+from jitterkit.likelihood import Data, deviance, normal_equations, pearson
 from jitterkit.likelihood.data import ceiling_distance, mean_counts
 from jitterkit.loci import Mvn
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
@@ -112,7 +112,7 @@ def test_what_the_model_brings_near_the_ceiling_is_left_out_whatever_it_reads(tr
 def test_a_count_is_clear_until_its_chance_to_be_full_is_that_beyond_four_sigmas(level):
     means = np.linspace(level - 6 * np.sqrt(level), level, 20001)
     row = Data(means[None], ceiling=np.full((1, len(means)), float(level)))
-    clear = np.asarray(is_clear(means[None], row))[0]
+    clear = row.clear(means[None]).used[0]
     last = clear.sum() - 1
     assert np.all(clear[: last + 1])
     # the chance of a Poisson count to reach half a count more, a hundredth of it off for the cube root
@@ -125,7 +125,7 @@ def test_what_is_clear_is_four_sigmas_from_its_ceiling_whatever_that_is(rng):
     image = means * np.where(np.isfinite(levels) & (levels > 0), levels, 1e4)
     data = Data(image, 9.0, response=flat, ceiling=np.broadcast_to(levels, image.shape))
     distance, _ = ceiling_distance(mean_counts(image, data), data)
-    clear = np.asarray(is_clear(image, data))
+    clear = data.clear(image).used
     np.testing.assert_array_equal(clear, np.asarray(distance) < -4)
     assert not clear[:3].any()
     assert clear[-1].all()

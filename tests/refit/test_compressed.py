@@ -54,6 +54,16 @@ def test_gain_and_evidence_are_those_of_fits_to_the_image_within_what_is_left_ou
             assert np.all(np.abs(away) < 0.03 * np.array([full.error(mode) for mode in aberrations]))
 
 
+def test_what_is_no_maximum_has_no_fit_by_cumulants(bench, rng):
+    data = bench.draw(bench.truth(Shm.of(0.4, 100.0), flux=1e6), rng)
+    _, likelihood, _ = compressed(bench, data)
+    assert likelihood.fit(Shaped) is not None
+    values, vectors = np.linalg.eigh(likelihood.curvature)
+    for lowered in (values - 1.001 * values[-1], np.where(values == values[0], -values, values)):
+        bent = replace(likelihood, curvature=(vectors * lowered) @ vectors.T)
+        assert all(bent.fit(locus_class(name)) is None for name in ("ellipse", "linear", "shm", "shaped"))
+
+
 @pytest.mark.slow
 def test_a_shape_is_determined_as_by_a_fit(bench, rng):
     data = bench.draw(bench.truth(Shm.of(0.35, 30.0)), rng)
