@@ -25,6 +25,7 @@ from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.boundary import minor_variance
+from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
@@ -227,15 +228,21 @@ def flag_faint_companion(result: FitResult, otf: OTF) -> FitResult:
     return result.remarked(f"The companion, {found}, may be a speckle.", "faint_companion")
 
 
-def flag_motion_along_pair(result: FitResult, otf: OTF) -> FitResult:
-    """Add a remark to a pair whose jitter is along its line: it may be one star that moved unevenly.
+def flag_uneven_motion(result: FitResult, otf: OTF) -> FitResult:
+    """Add a remark to a pair that may be one star that moved unevenly.
 
-    A drift that accelerates dwells at one end, as the brighter of two stars that drift along their line.  A
-    true pair has such a jitter by chance, in up to one frame of ten.
+    Either its jitter is along its line: a drift that accelerates dwells at one end, as the brighter of two
+    stars that drift along their line; a true pair has such a jitter by chance, in up to one frame of ten.  Or
+    no simple motion of two stars describes the frame: then another motion of one may.
     """
     near = result.of_scene("separation") < LIMITS.of_a_motion * resolution(otf)
     if not (result.status.usable and near) or "jitter_undetected" in result.flags:
         return result
+    if (chosen := CHOICES.get(result.locus)) is not None and not chosen.is_simple:
+        remark = (
+            f"Two stars so close with a jitter of the kind {result.locus!r} may be one that moves in another"
+        )
+        return result.remarked(f"{remark} way: then place and jitter are wrong.", "maybe_pair")
     theta, (moments, covariance) = result.of_scene("theta"), result.moments()
     (along, cross, across), own = moments_on_axis(moments, theta), covariance_on_axis(covariance, theta)
     longer, variance = along - across, own[0, 0] + own[2, 2] - 2 * own[0, 2]

@@ -17,7 +17,7 @@ from typing import Any, Self
 import jax.numpy as jnp
 
 from jitterkit.batch import steps
-from jitterkit.batch.diagnose import flag_motion_along_pair, status_from_exception
+from jitterkit.batch.diagnose import flag_uneven_motion, status_from_exception
 from jitterkit.batch.plan import Batch, Item, read_calibrated
 from jitterkit.batch.records import ProcessedFrame, SceneEstimate
 from jitterkit.batch.warm_start import (
@@ -278,7 +278,7 @@ class FrameProcessor:
         result = steps.fit(start, locus=self.locus, options=self.options_of(frame))
         result = steps.diagnose(frame, start, result, self.plate_scale)
         if self.scene == AUTO:
-            result = flag_motion_along_pair(result, otf)
+            result = flag_uneven_motion(result, otf)
         if self.prior is not None:
             result = result.remarked(*self.prior.remark_on(frame.name, frame.digest))
         if self.known_light is not None and result.parameters is not None:

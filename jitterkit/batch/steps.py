@@ -40,9 +40,6 @@ from jitterkit.scene import Star
 
 __all__ = ["calibrate", "diagnose", "estimate", "fit", "locate", "search"]
 
-_FREE = 2
-"""Tier of loci from which on their coordinates do not follow one step, and squares stay as they are."""
-
 _SEARCHES = dict(zip(SCENES, (locate_star, locate_binary, locate_stars), strict=True))
 
 
@@ -233,7 +230,7 @@ def fit(
         result = start.fit
     else:
         result = fit_best_locus(*where, start.estimate.covariance, sure=sure)
-    if result.image is not None and (chosen := CHOICES.get(result.locus)) and chosen.tier < _FREE:
+    if result.image is not None and (chosen := CHOICES.get(result.locus)) and chosen.is_simple:
         result = with_free_squares(result, start.data.clear(result.image), start.optics, options)
     return replace(result, estimate=start.estimate)
 

@@ -75,6 +75,11 @@ _SHARE = 0.05
 or two tones, of 0.3 to 1.5 arcsec were fitted with simpler loci, 0.26 to 0.98 where streaks of 0.75 to 6
 arcsec were fitted with a normal, and 0.01 to 0.02 of frames of another telescope."""
 
+_TAKEN_UP = 0.2
+"""Share of a poor normal's excess that another locus must take up for loci with more freedom to be tried
+where the score does not ask for them: far from the maximum it sees a part of what is lacking.  An ellipse
+took up half of that of a random walk, which a path describes; its score saw 0.04."""
+
 _THIN = (6.0, 0.05)
 """A blur may be straight whose minor variance is within so many errors of none, or below that share of the
 major: a straight locus fitted to a wider one has e^-18 of its evidence."""
@@ -90,6 +95,7 @@ def fit_best_locus(
     covariance: np.ndarray | None = None,
     *,
     sure: bool = False,
+    every: bool = False,
 ) -> FitResult:
     """Fit a frame with the simplest locus that describes it.
 
@@ -101,6 +107,8 @@ def fit_best_locus(
         Of the moments, arcsec⁴: without it no frame is taken to be still.
     sure : bool
         As for :func:`~jitterkit.refit.fit_locus`.
+    every : bool
+        Whether to try every locus where jitter is detected, though a simple one may do.
 
     Returns
     -------
@@ -111,7 +119,7 @@ def fit_best_locus(
     """
     frame = FrameFits(data, optics, options or FitOptions(), sure)
     still = _fit_still(frame, start, moments, otf, covariance)
-    best = _choose(frame, start, moments, otf) if still is None else still
+    best = _choose(frame, start, moments, otf, every) if still is None else still
     if frame.options.priors.moments is None:
         return best
     # an evidence that holds a prior must not be added up over frames: the prior would count in each
@@ -129,7 +137,7 @@ def _fit_still(
     return _finalize(Tried(fit), ("jitter_undetected",)) if fit.status is Status.OK else None
 
 
-def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> FitResult:
+def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None, every: bool) -> FitResult:
     normal, otf, frame = frame.fit("mvn", start, moments, otf)
     if normal.parameters is None or not np.all(np.isfinite(normal.covariance)):
         return normal
@@ -152,6 +160,8 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None) -> Fi
     widened = visible and significance(change, normal.moments()[1]) > 1.0
     if frame.options.priors.on_coordinates():
         return _finalize(Tried(normal))
+    if every:
+        return _fit_tiers(frame, normal, otf, step, every=True)
     if not (seen or moved or widened or _wants_more(normal, step)):
         return _finalize(Tried(_of_any_shape(normal, step, otf) if _may_be_straight(normal) else normal))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
@@ -215,8 +225,9 @@ def _fit_tiers(
     otf: OTF,
     step: CumulantStep,
     begin: Start | None = None,
+    every: bool = False,
 ) -> FitResult:
-    """Fit the loci tier by tier until one fits; each starts from the fitted normal, or from ``begin``.
+    """Fit loci tier by tier until one fits, or all; each starts from the fitted normal, or from ``begin``.
 
     Loci of the first tier that cumulants evaluate well enough are not fitted, unless one is the best of all.
     A wrong sign of an aberration looks like a lack of freedom: other signs are tried before a further tier,
@@ -230,6 +241,8 @@ def _fit_tiers(
     tiers = sorted({choice.tier for choice in CHOICES.values()} - {0})
     for tier in tiers:
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
+        if tier == max(tiers):  # what is left: a normal may be straight that fits no better
+            names += [n for n, choice in CHOICES.items() if choice.across == "some" and n not in tried.fits]
         evaluated = evaluate_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
         for name, found in evaluated.items():
             tried.add(as_fit(normal, name, found, otf.names))
@@ -247,7 +260,8 @@ def _fit_tiers(
             where = best.parameters, best.names, expanded[best.locus]
             steps[best.locus] = CumulantStep.of(*where, frame.data)
         least = _MISFIT if tier > 1 else 1.0 if best.locus == "ellipse" else _DOUBTFUL
-        fits = not _wants_more(best, steps[best.locus], least)
+        wants_more = _wants_more(best, steps[best.locus], least) or _comes_nearer(best, normal)
+        fits = not (every or wants_more)
         last = fits or tier == max(tiers)
         if begin is None and best.locus not in signed and (last or len(signed) == 1):
             signed.add(best.locus)
@@ -269,6 +283,12 @@ def _wants_more(fit: FitResult, step: CumulantStep, least: float = _MISFIT) -> b
     return lack.chance < least and lack.chi2 > _SHARE * (fit.chi2 - fit.dof)
 
 
+def _comes_nearer(fit: FitResult, normal: FitResult) -> bool:
+    """Return whether a locus describes a frame better than a normal, and neither does well."""
+    excess = fit.chi2 - fit.dof, normal.chi2 - normal.dof
+    return fit.status is Status.POOR_FIT and bool(excess[0] < (1 - _TAKEN_UP) * excess[1])
+
+
 def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
     """Return the best of the fits with all as candidates; the first where none describes the frame."""
     fits = tried.fits
@@ -281,5 +301,6 @@ def _finalize(tried: Tried, flags: tuple[str, ...] = ()) -> FitResult:
         message=" ".join(filter(None, [best.message, describe_undecided(candidates)])),
         flags=(*best.flags, *flags),
         candidates=candidates,
+        tried=tuple(fits),
         seconds=sum(fit.seconds for fit in tried.fits.values()),
     )

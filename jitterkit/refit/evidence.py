@@ -173,6 +173,11 @@ class Choice(NamedTuple):
     log_prior: Callable[[FitResult, Locus], float]
     across: Literal["none", "some", "any"] = "any"
 
+    @property
+    def is_simple(self) -> bool:
+        """Return whether it has at most three coordinates, which follow one step of scoring."""
+        return self.tier < 2
+
 
 CHOICES: dict[str, Choice] = {
     "mvn": Choice(0, _normal),

@@ -147,6 +147,8 @@ class FitResult:
         where no jitter was detected or the locus was not to be chosen.
     straight : StraightBlur or None
         None unless both a drift and a vibration were compared.
+    tried : tuple of str
+        Loci that were fitted or evaluated, those too of a frame that none of them describes.
     off_maximum : ((p,) array, (p, p) array) or None
         What an unknown shape of the blur adds to the values at the maximum, and to their covariance.
     further_limit : float
@@ -181,6 +183,7 @@ class FitResult:
     shape: float = float("nan")
     shape_err: float = float("nan")
     straight: StraightBlur | None = None
+    tried: tuple[str, ...] = ()
     off_maximum: tuple[np.ndarray, np.ndarray] | None = None
     further_limit: float = float("nan")
     model_error: float = 0.0

@@ -22,7 +22,7 @@ from jitterkit.loci import Mvn, principal_axes
 from jitterkit.optics import Optics
 from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.choose import DETECTED, fit_best_locus
-from jitterkit.refit.evidence import log_volume
+from jitterkit.refit.evidence import CHOICES, log_volume
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import fit_locus
 from jitterkit.refit.result import FitResult, Status
@@ -54,6 +54,13 @@ _SURELY = 200.0
 
 _WORSE = 0.3
 """Deviance per pixel by which the brief fit of a pair may be above one star: a fit lowers it by 0.06."""
+
+_NEARLY = 2.0
+"""Ratio of a pair's excess of deviance with a normal blur to that of the best pair, up to which other blurs
+are tried: pairs that were wrong had 5 and 23."""
+
+_LAST = max(choice.tier for choice in CHOICES.values())
+"""Tier of the loci that are tried only where no other describes a frame."""
 
 _ALIKE = 9.0
 """Deviance by which a pair may fit worse than one star, and look like it."""
@@ -93,7 +100,11 @@ class Weighing:
         one = _best(self.readings_of_star(star))
         # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
-        two = _best(reading for pair in near for reading in self.readings_of_pair(pair))
+        two = self.best_pair(near, one.fit)
+        every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
+        if two.evidence > one.evidence and not every:  # one star may move in another way
+            one = _best([one, *self.readings_of_star(star, every=True)])
+            two = self.best_pair(near, one.fit) if one.evidence > two.evidence else two
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
@@ -106,6 +117,20 @@ class Weighing:
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
         return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
+
+    def best_pair(self, pairs: list[Start], star: FitResult) -> _Reading:
+        """The most probable of the pairs that may be read instead of a star.
+
+        Those that a normal blur brings near the frame are fitted with straight ones too, if the star needs
+        more than a simple locus or a normal is not enough.
+        """
+        normals = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
+        used = int(np.sum(np.asarray(self.data.used)))
+        least = min(np.nan_to_num(fit.objective, nan=np.inf) for fit in normals) - used
+        near = [fit.objective - used < max(_NEARLY * least, least + _ALIKE) for fit in normals]
+        intricate = [is_near and _needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
+        readings = map(self.readings_of_pair, pairs, normals, intricate)
+        return _best(reading for of_pair in readings for reading in of_pair)
 
     def is_worse(self, pair: Start, star: FitResult) -> bool:
         """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
@@ -137,26 +162,28 @@ class Weighing:
         where = self.data, self.optics, otf, parameters.scene, blur
         return polished(*where, self.options.hold, rough=self.rough)
 
-    def readings_of_star(self, start: Start) -> Iterator[_Reading]:
-        """One star with the best of the loci, with straight ones, and without jitter."""
+    def readings_of_star(self, start: Start, *, every: bool = False) -> Iterator[_Reading]:
+        """One star with the best of the loci, with straight ones or every one, and without jitter."""
         common = self.common(start)
-        jittered = fit_best_locus(*common)
+        jittered = fit_best_locus(*common, every=every)
         weights = {one.locus: one.evidence for one in jittered.candidates}
         if weights and jittered.status is Status.OK and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in weights]
             near = self.common(start, jittered)
             weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
-        if not _surely(start) and jittered.status is not Status.POOR_FIT:
+        if not (every or _surely(start) or jittered.status is Status.POOR_FIT):
             yield self.still(start, common)
 
-    def readings_of_pair(self, start: Start) -> Iterator[_Reading]:
-        """Two stars with a normal blur, and without jitter."""
-        common = self.common(start)
-        fit = fit_locus("mvn", *common)
-        yield self.jittered(start, fit, {"mvn": weight_of_evidence(fit)}, seen=_has_a_size(fit))
-        if fit.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
-            yield self.still(start, common)
+    def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[_Reading]:
+        """Two stars with a normal blur, which is given, perhaps with straight ones, and without jitter."""
+        near = self.common(start, normal) if straight else ()
+        fits = [normal, *(fit_locus(name, *near, sure=True) for name in _STREAKS if straight)]
+        weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
+        best = max(fits, key=lambda fit: weights[fit.locus])
+        yield self.jittered(start, best, weights, seen=_has_a_size(normal))
+        if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
+            yield self.still(start, self.common(start))
 
     def common(self, start: Start, fit: FitResult | None = None):
         """Return the arguments of fits that begin at a start or where one ended."""
@@ -212,6 +239,13 @@ def _has_a_size(fit: FitResult) -> bool:
     moments, covariance = fit.moments()
     error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
     return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
+
+
+def _needs_more(star: FitResult, normal: FitResult) -> bool:
+    """Return whether one star needs more than a simple locus, or a pair more than a normal."""
+    choice = CHOICES.get(star.locus)
+    simple = star.status is Status.OK and (choice is None or choice.is_simple)
+    return normal.parameters is not None and (not simple or normal.status is not Status.OK)
 
 
 def _is_split(start: Start) -> bool:

@@ -10,7 +10,7 @@ from own_images import star_image
 from refusals import refused
 
 from jitterkit.batch import FrameProcessor, steps
-from jitterkit.batch.diagnose import LIMITS, classify, flag_faint_companion, flag_motion_along_pair
+from jitterkit.batch.diagnose import LIMITS, classify, flag_faint_companion, flag_uneven_motion
 from jitterkit.detectors import NORMALISED
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import Parameters
@@ -134,7 +134,18 @@ def test_a_pair_that_drifts_along_its_line_may_be_one_star_that_moves_unevenly(
         names = ("separation", "theta", *locus.names)
         covariance = np.diag([1e-5, 0.04, *np.full(len(locus.names), 1e-6)])
         fit = FitResult(Status.OK, "fitted.", parameters=pair, names=names, covariance=covariance)
-        assert ("maybe_pair" in flag_motion_along_pair(fit, telescope.optics()).flags) == near
+        assert ("maybe_pair" in flag_uneven_motion(fit, telescope.optics()).flags) == near
+
+
+def test_a_close_pair_that_only_an_intricate_motion_describes_may_be_one_star(telescope):
+    for locus, separation, flagged in (("smear", 1.2, True), ("smear", 8.0, False), ("mvn", 1.2, False)):
+        pair = Parameters(Binary(separation, 70.0, 0.0, 0.0, 1e5, 2.0), Mvn.of(0.2, 0.15, 10.0), np.zeros(2))
+        names = ("separation", "theta", *Mvn.names)
+        covariance = np.diag([1e-5, 0.04, *np.full(3, 1e-6)])
+        fit = FitResult(
+            Status.OK, "fitted.", parameters=pair, names=names, covariance=covariance, locus=locus
+        )
+        assert ("maybe_pair" in flag_uneven_motion(fit, telescope.optics()).flags) == flagged
 
 
 def test_a_drift_that_accelerates_is_not_a_pair_without_a_word(telescope, rng):

@@ -12,7 +12,7 @@ from jitterkit.forward import Parameters
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_binary
-from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Stable
+from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
 from jitterkit.scene import Binary, Star
@@ -49,6 +49,22 @@ def test_one_star_is_one_whatever_its_jitter(flux, locus, chosen):
     (x,), (y,), (light,) = map(np.asarray, choice.start.parameters.scene.sources())
     assert (x, y) == pytest.approx((0.3, -0.2), abs=0.02)
     assert light == pytest.approx(flux, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("flux", "locus"),
+    [
+        (6.5e4, PartialShm.of(1.8, 161.5, 1.08, -33.0)),
+        (2e5, PartialShm.of(2.46, 92.0, 1.28, -50.0)),
+        (2e5, Tones.of(2.46, 92.0, 1.45, 117.7)),
+    ],
+    ids=["a part of a vibration", "a large part", "two vibrations, nearly along a line"],
+)
+def test_a_star_is_one_though_a_pair_comes_nearer_than_it_does_with_a_simple_locus(flux, locus, chosen):
+    choice = chosen(ALONE(flux), locus, seed=7)
+    assert choice.scene == "star"
+    assert choice.log_odds < -3
+    assert choice.fit.locus == ("tones" if isinstance(locus, Tones) else "partial")
 
 
 @pytest.mark.slow
@@ -132,6 +148,12 @@ def test_two_stars_closer_than_the_resolution_are_two_under_jitter_too(contrast,
     moments, covariance = fit.moments()
     off = moments - np.asarray(locus.moments())
     assert off @ np.linalg.solve(covariance, off) < 3 + 4 * np.sqrt(6)  # chi-squared of three
+
+
+def test_a_pair_that_vibrates_is_two_though_an_intricate_motion_of_one_comes_near(chosen):
+    choice = chosen(Binary(0.75, 200.0, 0.3, -0.2, 4.8e5, 1.5), Shm.of(1.3, 30.0))
+    assert choice.scene == "binary"
+    assert choice.log_odds > 3
 
 
 def test_a_prior_on_the_jitter_does_not_choose_the_scene(bench):
