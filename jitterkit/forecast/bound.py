@@ -114,7 +114,7 @@ class Forecast:
         locus = self.parameters.locus
         if not locus.names:
             return {}
-        moments, covariance = moments_of(locus, self.names, self.covariance)
+        moments, covariance = moments_of(locus, self.names, self.covariance, order=1)
         major, minor, angle = axis_variances(moments)
         errors = np.sqrt(np.diag(covariance_on_axis(covariance, angle)).clip(0))  # rounding about a line
         sizes = {

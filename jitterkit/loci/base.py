@@ -250,7 +250,13 @@ class Stable(OfVariance):
         return np.zeros((n, 2))
 
 
-def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+_SECOND = 0.1
+"""Share of the variance of Sxx + Syy that may be of second order, for the other moments to have it too."""
+
+
+def moments_of(
+    locus: Locus, names: tuple[str, ...], covariance: np.ndarray, *, order: int = 2
+) -> tuple[np.ndarray, np.ndarray]:
     """Second moments of a locus whose coordinates are known to a covariance.
 
     Parameters
@@ -260,16 +266,34 @@ def moments_of(locus: Locus, names: tuple[str, ...], covariance: np.ndarray) -> 
         Of the free parameters, those of the locus among them.
     covariance : (p, p) array
         Of the free parameters.
+    order : int
+        Of the errors in those of the coordinates, 1 or 2.  To second order the Syy of a streak along x, which
+        goes with the square of its direction, has an error; to first order it has none, and the streak no
+        width.
 
     Returns
     -------
     moments : (3,) array
         ``(Sxx, Sxy, Syy)``, arcsec².
     covariance : (3, 3) array
-        Zero unless all coordinates of the locus are free.
+        Zero unless all coordinates of the locus are free.  Of first order for a streak that is hardly longer
+        than its error: it is its square that is normal then.
     """
     indices = [names.index(n) for n in locus.names if n in names]
     if len(indices) < len(locus.names) or not indices:
         return np.asarray(locus.moments()), np.zeros((3, 3))
     moments, slope = map(np.asarray, moments_and_slope(locus))
-    return moments, slope @ covariance[np.ix_(indices, indices)] @ slope.T
+    own = covariance[np.ix_(indices, indices)]
+    first = slope @ own @ slope.T
+    errors = np.diag(np.sqrt(np.diag(own)))
+    linear = np.array_equal(slope[:, :3], np.eye(3))  # its coordinates are the moments
+    if order < 2 or linear or not np.all(np.isfinite(first)) or not np.all(np.diag(errors) > 0):
+        return moments, first
+    ahead, behind = (
+        np.array([moments_and_slope(locus.at(locus.coords + way * step))[1] for step in errors])
+        for way in (1, -1)
+    )
+    bends = (ahead - behind) / (2 * np.diag(errors)[:, None, None]) @ own.T  # (q, 3, q)
+    second = 0.5 * np.einsum("ikj,jli->kl", bends, bends)
+    total = np.array([1.0, 0.0, 1.0])
+    return moments, first + second * bool(total @ second @ total < _SECOND * total @ first @ total)

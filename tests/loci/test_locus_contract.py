@@ -33,6 +33,7 @@ from jitterkit.loci import (
     principal_axes,
     rasterise,
 )
+from jitterkit.loci.base import moments_of
 from jitterkit.loci.simple import AnySimple
 
 KNOTS = np.array([[0.0, 0.0], [0.4, 0.1], [0.5, 0.4], [0.3, 0.6]])
@@ -210,6 +211,25 @@ def test_the_points_have_the_second_moments(kind, example):
     short = 256**-2 if isinstance(locus, Product) else 1e-9
     expected = matrix(locus.moments())
     assert points.T @ points / len(points) == pytest.approx(expected, abs=short * np.trace(expected) + 1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, 30.0, 90.0])
+@pytest.mark.parametrize("kind", [Linear, Shm])
+def test_errors_of_moments_are_the_scatter_of_drawn_motions_along_an_axis_too(kind, angle, rng):
+    locus = kind.of(0.8, angle)
+    covariance = 0.01**2 * np.array([[1.0, 0.3], [0.3, 0.8]])
+    coords = rng.multivariate_normal(np.asarray(locus.coords), covariance, 40_000)
+    drawn = np.asarray(jax.vmap(lambda c: locus.at(c).moments())(jnp.asarray(coords)))
+    _, told = moments_of(locus, locus.names, covariance)
+    # Errors of standard deviations: 0.5 % of 40,000 draws; what is of third order, (0.01/0.4)^2 and less.
+    assert np.sqrt(np.diag(told)) == pytest.approx(drawn.std(axis=0), rel=0.02)
+
+
+def test_a_motion_no_longer_than_its_error_has_errors_to_first_order(rng):
+    locus, covariance = Linear.of(0.05, 30.0), 0.02**2 * np.eye(2)
+    slope = np.asarray(jax.jacfwd(lambda c: locus.at(c).moments())(jnp.asarray(locus.coords)))
+    first = slope @ covariance @ slope.T
+    np.testing.assert_allclose(moments_of(locus, locus.names, covariance)[1], first, atol=1e-15)
 
 
 def test_kernels_have_the_moments_of_the_locus_and_of_the_pixel(example):
