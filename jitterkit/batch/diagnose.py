@@ -25,7 +25,6 @@ from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.boundary import minor_variance
-from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Stars
@@ -60,6 +59,9 @@ class Limits:
     """Degrees, beside three standard errors, within which a jitter is along the line through a pair."""
     of_a_motion: float = 4.0
     """Separation in resolutions up to which a pair may be one star that moved."""
+    intricate: tuple[str, ...] = ("partial", "tones", "smear", "path")
+    """Jitters of such a pair that one star which moves in another way leaves; ``shaped`` was that of one true
+    pair in twelve."""
 
 
 LIMITS = Limits()
@@ -238,11 +240,10 @@ def flag_uneven_motion(result: FitResult, otf: OTF) -> FitResult:
     near = result.of_scene("separation") < LIMITS.of_a_motion * resolution(otf)
     if not (result.status.usable and near) or "jitter_undetected" in result.flags:
         return result
-    if (chosen := CHOICES.get(result.locus)) is not None and not chosen.is_simple:
-        remark = (
-            f"Two stars so close with a jitter of the kind {result.locus!r} may be one that moves in another"
-        )
-        return result.remarked(f"{remark} way: then place and jitter are wrong.", "maybe_pair")
+    if result.locus in LIMITS.intricate:
+        remark = f"Two stars so close with the jitter {result.locus!r} may be one that moves in another way"
+        advice = "compare --scene star --locus path"
+        return result.remarked(f"{remark}; then place and jitter are wrong: {advice}.", "maybe_pair")
     theta, (moments, covariance) = result.of_scene("theta"), result.moments()
     (along, cross, across), own = moments_on_axis(moments, theta), covariance_on_axis(covariance, theta)
     longer, variance = along - across, own[0, 0] + own[2, 2] - 2 * own[0, 2]

@@ -8,8 +8,8 @@
    mean of straight blurs' kurtosis, and errors for it, where the blur may be one.
 3. Otherwise the simple loci ``linear``, ``shm`` and ``ellipse`` are weighed by their evidence: by what the
    frame says about cumulants where that is enough, else by a fit; the one that is chosen is always fitted.
-4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, loci with
-   more freedom are tried, and a free path last of all.
+4. A test of the higher cumulants says whether the best of them fits.  Only where it does not, or where it is
+   poor but better than the normal, loci with more freedom are tried, and a free path last of all.
 
 The best-weighed locus is the frame's; the others stay with it as candidates, and where no weight is above
 95 % the message says between which loci the frame is undecided and by how much the separation differs.
@@ -266,7 +266,7 @@ def _fit_tiers(
         if begin is None and best.locus not in signed and (last or len(signed) == 1):
             signed.add(best.locus)
             if (better := frame.other_signs(best)) is not None:
-                retry = _fit_tiers(frame, normal, otf, step, better)
+                retry = _fit_tiers(frame, normal, otf, step, better, every)
                 if is_better(retry, best):
                     return retry
         if fits:

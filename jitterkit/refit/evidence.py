@@ -166,7 +166,7 @@ class Choice(NamedTuple):
         Logarithm of the prior density of its coordinates at a fit; arguments are the fit and its locus.
     across : {"none", "some", "any"}
         Blur across the major axis.  A locus with ``none`` is tried only if the blur may be straight, one with
-        ``some`` only if it is not straight, one with ``any`` always.
+        ``some`` only if it is not straight or nothing else fits, one with ``any`` always.
     """
 
     tier: int

@@ -102,7 +102,8 @@ class Weighing:
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
         two = self.best_pair(near, one.fit)
         every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
-        if two.evidence > one.evidence and not every:  # one star may move in another way
+        # one star may move in another way; two that are still are simpler than that
+        if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
             one = _best([one, *self.readings_of_star(star, every=True)])
             two = self.best_pair(near, one.fit) if one.evidence > two.evidence else two
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
@@ -177,11 +178,13 @@ class Weighing:
 
     def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[_Reading]:
         """Two stars with a normal blur, which is given, perhaps with straight ones, and without jitter."""
-        near = self.common(start, normal) if straight else ()
-        fits = [normal, *(fit_locus(name, *near, sure=True) for name in _STREAKS if straight)]
-        weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
-        best = max(fits, key=lambda fit: weights[fit.locus])
-        yield self.jittered(start, best, weights, seen=_has_a_size(normal))
+        weights, seen = {normal.locus: weight_of_evidence(normal)}, _has_a_size(normal)
+        yield self.jittered(start, normal, weights, seen=seen)
+        if straight:  # beside the normal by itself, whose evidence a mean with worse ones would lower
+            near = self.common(start, normal)
+            fits = [normal, *(fit_locus(name, *near, sure=True) for name in _STREAKS)]
+            weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
+            yield self.jittered(start, max(fits, key=lambda fit: weights[fit.locus]), weights, seen=seen)
         if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
             yield self.still(start, self.common(start))
 
