@@ -10,6 +10,7 @@ from own_images import star_image
 from jitterkit.docs import read_page
 from jitterkit.forward import Parameters
 from jitterkit.likelihood import Data
+from jitterkit.locate import locate_star
 from jitterkit.loci import LOCI, Ellipse, Linear, Mvn, PartialShm, Shm, Stable
 from jitterkit.refit import (
     FitOptions,
@@ -226,3 +227,23 @@ def test_two_vibrations_across_each_other_are_not_taken_for_an_ellipse(optics):
         moments, covariance = result.moments()
         assert result.locus == "tones"
         assert np.all(np.abs(moments - truth) < 3.5 * np.sqrt(np.diag(covariance)))
+
+
+def test_a_random_walk_that_no_simple_locus_describes_is_a_path(optics, rng):
+    """An ellipse took up a part of what a normal left, its score asked for little more, and that was all."""
+    places = [(-0.3, -0.09), (-0.16, 0.38), (-0.26, 0.11), (-0.05, 0.25)]
+    places += [(0.13, 0.29), (0.34, 0.86), (0.37, 1.15), (0.44, 0.96)]
+    way = np.stack(
+        [np.interp(np.linspace(0, 7, 60), range(8), axis) for axis in np.transpose(places)], axis=1
+    )
+    way -= way.mean(axis=0)
+    image = star_image(0.3, -0.2, 7.3e4, [(*place, 1 / len(way)) for place in way])
+    data = Data(rng.poisson(image) + rng.normal(0, 2.4, image.shape), 2.4**2)
+    start = locate_star(data, optics)
+    moments = np.asarray(start.parameters.locus.moments())
+    fit = fit_best_locus(data, optics, start.parameters, moments, start.otf)
+    assert (fit.status, fit.locus) == (Status.OK, "path")
+    assert {"ellipse", "tones", "path"} <= set(fit.tried)
+    found, covariance = fit.moments()
+    true = np.array([np.mean(way[:, i] * way[:, j]) for i, j in ((0, 0), (0, 1), (1, 1))])
+    assert np.all(np.abs(found - true) < 5 * np.sqrt(np.diag(covariance)))
