@@ -54,7 +54,7 @@ def test_one_star_is_one_whatever_its_jitter(flux, locus, chosen):
 @pytest.mark.parametrize(
     ("flux", "locus"),
     [
-        (6.5e4, PartialShm.of(1.8, 161.5, 1.08, -33.0)),
+        pytest.param(6.5e4, PartialShm.of(1.8, 161.5, 1.08, -33.0), marks=pytest.mark.slow),
         (2e5, PartialShm.of(2.46, 92.0, 1.28, -50.0)),
         (2e5, Tones.of(2.46, 92.0, 1.45, 117.7)),
     ],
