@@ -251,7 +251,7 @@ class Stable(OfVariance):
 
 
 _SECOND = 0.1
-"""Share of the variance of Sxx + Syy that may be of second order, for the other moments to have it too."""
+"""Largest ratio of the second order of the variance of Sxx + Syy to its first at which it is added."""
 
 
 def moments_of(
@@ -267,17 +267,16 @@ def moments_of(
     covariance : (p, p) array
         Of the free parameters.
     order : int
-        Of the errors in those of the coordinates, 1 or 2.  To second order the Syy of a streak along x, which
-        goes with the square of its direction, has an error; to first order it has none, and the streak no
-        width.
+        1 or 2: how errors of the coordinates are propagated.  The Syy of a streak along x goes with the
+        square of its direction: to first order it has no error.
 
     Returns
     -------
     moments : (3,) array
         ``(Sxx, Sxy, Syy)``, arcsec².
     covariance : (3, 3) array
-        Zero unless all coordinates of the locus are free.  Of first order for a streak that is hardly longer
-        than its error: it is its square that is normal then.
+        arcsec⁴; zero unless all coordinates of the locus are free.  Of first order for a streak that is
+        hardly longer than its error, whose moments are normal, not its coordinates.
     """
     indices = [names.index(n) for n in locus.names if n in names]
     if len(indices) < len(locus.names) or not indices:

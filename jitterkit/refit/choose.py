@@ -241,7 +241,7 @@ def _fit_tiers(
     tiers = sorted({choice.tier for choice in CHOICES.values()} - {0})
     for tier in tiers:
         names = [n for n, choice in CHOICES.items() if choice.tier == tier and choice.across != excluded]
-        if tier == max(tiers):  # what is left: a normal may be straight that fits no better
+        if tier == max(tiers):  # a normal that does not fit may be straight though the motion is not
             names += [n for n, choice in CHOICES.items() if choice.across == "some" and n not in tried.fits]
         evaluated = evaluate_by_cumulants(compressed, names) if tier == 1 and compressed is not None else {}
         for name, found in evaluated.items():
