@@ -160,14 +160,20 @@ def linearisation_error(optics: Optics, parameters: Parameters, otf: OTF) -> flo
     """Return the error of first-order optics in the image, in sigmas of all its photons together.
 
     A change of the wavefront by a phase of rms ``q`` changes the image by about ``q²`` of itself beyond
-    first order, more in its dark parts; its N photons show a share of ``1/sqrt(N)``.  The factor three
-    was measured, on defocus and astigmatism of a plain telescope, where it is worst.
+    first order, more in its dark parts; its N photons show a share of ``1/sqrt(N)``.
     """
     if not otf.names:
         return 0.0
     state = np.asarray(otf.state)[: len(parameters.aberrations)]
-    phase = optics.phase(np.asarray(parameters.aberrations) - state)
-    return 3 * float(np.sqrt(abs(float(parameters.scene.flux)))) * phase**2
+    return error_per_square(parameters) * optics.phase(np.asarray(parameters.aberrations) - state) ** 2
+
+
+def error_per_square(parameters: Parameters) -> float:
+    """Return the error of first-order optics, in sigmas of the whole image, per squared rms phase [rad²].
+
+    The factor three was measured, on defocus and astigmatism of a plain telescope, where it is worst.
+    """
+    return 3 * float(np.sqrt(abs(float(parameters.scene.flux))))
 
 
 _STALE = 0.03

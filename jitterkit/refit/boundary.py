@@ -31,6 +31,10 @@ _SIGMAS = 3.0
 _HIDDEN = 2.0
 """Standard errors from zero below which a mode that shows by its square may be none: 1 of 20 by chance."""
 
+_SETTLED, _SETTLED_IN_VALLEY = 0.01, 0.1
+"""Largest step that is left, in standard errors, where the steps of a fit ran out: in a faint frame, or at
+zero length of all but a streak's length; and of all but the parameters of a valley (1 of 100 frames)."""
+
 _IMPOSSIBLE = 2.0
 """Standard errors by which a variance of the pointing is below zero where its own error may be too small."""
 
@@ -112,6 +116,32 @@ def hidden_squares(
     every = parameter_names(end.parameters, aberrations)
     value = {name: vector[every.index(name)] for _, name in modes}
     return {name for i, name in modes if abs(value[name]) < _HIDDEN * np.sqrt(covariance[i, i])}
+
+
+def ending(
+    end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, exact: bool
+) -> tuple[bool, bool]:
+    """Return whether a fit has converged, but for what need not, and whether a streak ended at zero length.
+
+    Parameters
+    ----------
+    end, names, unseen, aberrations
+        As for :func:`hidden_squares`.
+    exact : bool
+        Whether the optics are exact where it ended; if not, a short step says nothing.
+    """
+    covariance, sound = invert_information(end.curvature)
+    converged, locus = bool(end.converged), end.parameters.locus
+    if converged or not sound:
+        return converged, False
+    zero_length, regularized = at_zero_length(locus, names, covariance), set(regularizing_priors(locus))
+    exempt = zero_length | regularized | hidden_squares(end, names, unseen, aberrations, covariance)
+    if exact or exempt:
+        others = [i for i, name in enumerate(names) if name not in exempt]
+        score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
+        tolerance = _SETTLED_IN_VALLEY if regularized else _SETTLED
+        converged = bool(score @ np.linalg.solve(curvature, score) < tolerance**2)
+    return converged, converged and bool(zero_length)
 
 
 def with_possible_errors(end: ScoringResult, data, otf: OTF, names: tuple[str, ...]) -> ScoringResult:

@@ -17,7 +17,12 @@ import numpy as np
 
 from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import MISFIT, POOR, Data, pearson
-from jitterkit.linearisation import LINEARISATION_TOLERANCE, Expanded, relinearised_scoring
+from jitterkit.linearisation import (
+    LINEARISATION_TOLERANCE,
+    Expanded,
+    linearisation_error,
+    relinearised_scoring,
+)
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
 from jitterkit.loci import Locus, Streak
 from jitterkit.metric import invert_information
@@ -25,16 +30,16 @@ from jitterkit.optics import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import (
-    at_zero_length,
-    hidden_squares,
+    ending,
     regularizing_priors,
     with_possible_errors,
 )
 from jitterkit.refit.contradiction import CONTRADICTED, prior_chance
+from jitterkit.refit.damped import damped_scoring
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult
+from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult, fisher_scoring
 
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4
@@ -55,9 +60,6 @@ _CONTRADICTION = (
 )
 _ALLOWANCES = 3
 """Times that a fit is repeated with the model error that the one before shows: it biases the first fit."""
-_BOUNDARY_TOLERANCE, _REGULARIZED_TOLERANCE = 0.01, 0.1
-"""Largest step of all other parameters, in standard errors, at convergence: where a streak has zero length,
-and in a valley where the steps ran out (one frame in a hundred)."""
 
 
 @dataclass(frozen=True)
@@ -194,23 +196,37 @@ def _fit_and_expand(
         return FitResult(Status.NO_DATA, few), otf
     prior = options.priors.over(names, start.locus)
 
+    valley = _VALLEY_TOLERANCE if regularizing_priors(start.locus) else 0.0
+    limits: dict = {
+        "max_steps": _VALLEY_STEPS if valley else 50,
+        "tolerance": max(valley, options.tolerance),
+    }
+    max_error = linearisation_tolerance(max(_least_error(start.locus), options.tolerance))
+    damped = False
+
+    def ended(end: ScoringResult, otf: OTF) -> tuple[bool, bool]:
+        exact = linearisation_error(optics, end.parameters, otf) < max_error
+        system = optics.system if isinstance(optics, AnchoredOptics) else optics
+        return ending(end, names, () if bool(end.converged) else system.nominal.blind(), otf.names, exact)
+
     def fit_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
-        valley = _VALLEY_TOLERANCE if regularizing_priors(start.locus) else 0.0
-        return relinearised_scoring(
-            start,
-            otf,
-            optics,
-            data,
-            free,
-            prior,
-            max_error=linearisation_tolerance(max(_least_error(start.locus), options.tolerance)),
-            max_steps=_VALLEY_STEPS if valley else 50,
-            tolerance=max(valley, options.tolerance),
-        )
+        nonlocal damped
+        where = data, free, prior
+        if damped and (settled := damped_scoring(start, optics, *where, **limits)):
+            return settled
+        found = relinearised_scoring(start, otf, optics, *where, max_error=max_error, **limits)
+        exact = linearisation_error(optics, found.end.parameters, found.otf) < max_error
+        if damped or exact or ended(found.end, found.otf)[0]:
+            return found
+        if _is_poor(found.end, data) and _is_poor(fisher_scoring(start, otf, *where, max_steps=0), data):
+            return found
+        settled = damped_scoring(start, optics, *where, **limits)
+        damped = settled is not None
+        return settled or found
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = fit_from(clear, start, otf)
-    hopeless = not end.converged and float(end.objective) > POOR * int(np.sum(np.asarray(clear.used)))
+    hopeless = not end.converged and _is_poor(end, clear)
     image = None
     for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
         image = np.asarray(expected_image(end.parameters, otf))
@@ -226,34 +242,33 @@ def _fit_and_expand(
         canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
         end, otf, more = fit_from(clear, canonical, otf)
         iterations, image = iterations + more, None
-    system = optics.system if isinstance(optics, AnchoredOptics) else optics
-    unseen = () if bool(end.converged) else system.nominal.blind()
     if image is None:
         image = np.asarray(expected_image(end.parameters, otf))
-    result = _finalize(clear, otf, end, image, names, iterations, time.perf_counter() - began, unseen)
+    end = with_possible_errors(end, clear, otf, names)
+    seconds = time.perf_counter() - began
+    result = _finalize(clear, otf, end, image, names, iterations, seconds, *ended(end, otf))
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
     return _flag_prior_conflict(result, options.priors, free, end), otf
 
 
-def _finalize(data, otf, end: ScoringResult, image, names, iterations, seconds, unseen=()) -> FitResult:
+def _is_poor(end: ScoringResult, data: Data) -> bool:
+    """Return whether a fit is poor where it ended."""
+    return float(end.objective) > POOR * int(np.sum(np.asarray(data.used)))
+
+
+def _finalize(
+    data, otf, end: ScoringResult, image, names, iterations, seconds, converged: bool, zero_length: bool
+) -> FitResult:
     misfit = pearson(image, data)
     dof = misfit.pixels - len(names)
-    end = with_possible_errors(end, data, otf, names)
     covariance, sound = invert_information(end.curvature)
     crlb, _ = invert_information(end.information)
     locus = end.parameters.locus
-    unsettled, converged = sound and not bool(end.converged), bool(end.converged)
-    zero_length = at_zero_length(locus, names, covariance) if unsettled else set()
-    regularized = set(regularizing_priors(locus))
-    hidden = hidden_squares(end, names, unseen, otf.names, covariance) if unsettled else set()
-    tolerance = _REGULARIZED_TOLERANCE if regularized else _BOUNDARY_TOLERANCE
-    if unsettled and (exempt := zero_length | regularized | hidden):
-        converged = _others_converged(end, names, exempt, tolerance)
     least = -np.inf if data.model_variance is None else 0.0  # a model error that is given may be too large
     flags = [] if abs(max(misfit.chi2 - dof, least)) < MISFIT * misfit.spread else ["misfit"]
     flags += [] if sound else ["degenerate"]
-    flags += ["jitter_undetected"] if converged and zero_length and isinstance(locus, Streak) else []
+    flags += ["jitter_undetected"] if zero_length and isinstance(locus, Streak) else []
     aberrations = otf.varied(end.parameters.scene)
     flags += ["aberrations_held"] if not set(aberrations) <= set(names) else []
     chi2_dof = misfit.chi2 / dof if dof > 0 else np.nan
@@ -293,13 +308,6 @@ def _flag_prior_conflict(
     if prior_chance(priors, *known) >= CONTRADICTED:
         return result
     return result.remarked(_CONTRADICTION, "prior_contradicted")
-
-
-def _others_converged(end: ScoringResult, names: tuple[str, ...], exempt: set[str], tolerance: float) -> bool:
-    """Return True if all parameters have converged, the exempt ones excepted."""
-    others = [i for i, name in enumerate(names) if name not in exempt]
-    score, curvature = np.asarray(end.score)[others], np.asarray(end.curvature)[np.ix_(others, others)]
-    return bool(score @ np.linalg.solve(curvature, score) < tolerance**2)
 
 
 def _classify(converged: bool, chi2_dof: float, sound: bool) -> tuple[Status, str]:

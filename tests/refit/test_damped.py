@@ -1,0 +1,72 @@
+"""Fits of faint frames through a segmented pupil, which shows some aberrations to second order first."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
+from jitterkit.likelihood import Data
+from jitterkit.loci import Mvn
+from jitterkit.optics import OpticalSystem
+from jitterkit.optics.expansion import grid_for
+from jitterkit.optics.observatories import jwst_pupil
+from jitterkit.optics.pupil import open_pupil
+from jitterkit.optics.spectrum import flat_band
+from jitterkit.refit import Status, fit_frame
+from jitterkit.scene import Star
+
+READ_NOISE = 2.4
+
+
+@pytest.fixture(scope="module")
+def segmented():
+    """A pupil of 18 hexagons behind three struts, in 64 samples, with all modes from focus to spherical."""
+    wide = jwst_pupil()
+    light = np.asarray(wide.transmission).reshape(64, 4, 64, 4).mean(axis=(1, 3))
+    pupil, band = open_pupil(light, wide.diameter, range(4, 12)), flat_band(4500.0, 5100.0, 3)
+    return OpticalSystem(pupil, band, grid_for(pupil, band, (48, 48), 0.0656, pad=12))
+
+
+def exact_deviance(data, system, parameters):
+    """Of normal noise and counts, up to a constant, with optics computed for these very aberrations."""
+    image = np.asarray(expected_image(parameters, system.otf(parameters.aberrations)))
+    counts = np.asarray(data.electrons) + READ_NOISE**2
+    level = image + READ_NOISE**2
+    return 2 * float(np.sum(level - np.where(counts > 0, counts * np.log(level), 0.0)))
+
+
+@pytest.mark.parametrize(("seed", "flux"), [(0, 2e3), (5, 2e3), (6, 2e3), (6, 6e3)])
+def test_a_fit_settles_where_aberrations_are_hardly_seen(segmented, seed, flux):
+    """Expansions went to and fro between wavefronts of hundreds of nm, or farther and farther away."""
+    rng = np.random.default_rng([3, seed])
+    star, blur = Star(0.01, -0.02, flux), Mvn.of(0.06, 0.03, 20.0)
+    truth = Parameters(star, blur, rng.normal(0.0, 5.0, 8))
+    image = np.asarray(expected_image(truth, segmented.otf(truth.aberrations)))
+    data = Data(rng.poisson(image) + rng.normal(0.0, READ_NOISE, image.shape), READ_NOISE**2)
+    result = fit_frame(data, segmented, truth)
+    assert result.status is Status.OK
+    moments, covariance = result.moments()
+    assert np.all(np.abs(moments - np.asarray(blur.moments())) < 4 * np.sqrt(np.diag(covariance)))
+    # the maximum itself: no neighbour along an axis of the errors is better
+    vector, unravel = to_vector(result.parameters)
+    names, free = free_parameters(result.parameters, segmented.nominal)
+    assert names == result.names
+    least = exact_deviance(data, segmented, result.parameters)
+    values, axes = np.linalg.eigh(result.covariance)
+    for direction in (axes * np.sqrt(values)).T:
+        for step in (0.3, -0.3):
+            beside = unravel(vector.at[np.array(free)].add(step * direction))
+            assert exact_deviance(data, segmented, beside) > least
+
+
+def test_what_a_frame_shows_well_is_not_damped(segmented, monkeypatch):
+    """A bright frame settles without."""
+    monkeypatch.setattr("jitterkit.refit.fit.damped_scoring", None)
+    truth = Parameters(Star(0.01, -0.02, 1e6), Mvn.of(0.06, 0.03, 20.0), np.full(8, 8.0))
+    image = np.asarray(eqx.filter_jit(expected_image)(truth, segmented.otf(truth.aberrations)))
+    start = Parameters(Star(0.012, -0.018, 9e5), Mvn.of(0.05), np.full(8, 6.0))
+    result = fit_frame(Data(image, READ_NOISE**2), segmented, start)
+    assert result.status is Status.OK
+    np.testing.assert_allclose(result.parameters.aberrations, 8.0, atol=0.01)
