@@ -102,8 +102,22 @@ def _plain_telescope(colours=None):
     )
 
 
+@pytest.fixture(scope="module")
+def few_pictures():
+    """Draw two fitted frames and two others a run instead of 24 each: a picture takes a tenth of a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jitterkit.batch.ranking.TOP", 2)
+        yield
+
+
 @pytest.fixture(scope="session")
-def telescope():
+def common_telescope():
+    """Return the common telescope, for a module whose fixture ``telescope`` is another one."""
+    return _plain_telescope()
+
+
+@pytest.fixture(scope="session")
+def telescope(common_telescope):
     """Return the telescope of all tests that need no special one; in commands it is the preset ``plain``.
 
     Each image shape, list of aberrations and set of free parameters needs its own compiled program, which
@@ -111,7 +125,7 @@ def telescope():
     so that a test fails if x and y are exchanged.  Its sources have one spectrum, which takes fewer programs;
     the preset has stars of unknown colours, as users have them.
     """
-    return _plain_telescope()
+    return common_telescope
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -233,14 +233,14 @@ def _believed(told, locus, changes):
 @pytest.mark.parametrize(
     "system",
     [
-        {"shape": (64, 64)},
+        None,  # the common telescope, whose programs other tests compile
         pytest.param({"plate_scale": 0.75}, marks=pytest.mark.slow),
         pytest.param({"plate_scale": 0.75, "shape": (74, 74)}, marks=pytest.mark.slow),  # 405 fine samples
     ],
     ids=["small", "undersampled", "odd"],
 )
-def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, system):
-    other = replace(telescope, **system)
+def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, common_telescope, system):
+    other = replace(telescope, **system) if system else replace(common_telescope, detector=telescope.detector)
     optics, locus = other.system(), Mvn.of(0.2, 0.1, 60.0)
     first = draw(other, Mvn.of(0.15, 0.1, 20.0), seed=1)
     reference = made(locate_binary(Data.of(first), optics).parameters, optics)
