@@ -23,8 +23,9 @@ jax.config.update("jax_enable_x64", True)
 # time of its new one ("fusion emitters"): modules that mostly fit take 0.65 of the processor time in all.
 # scripts/check --all sets XLA_FLAGS to an empty text, and so tests programs as users compile them.
 _FLAGS = ["--xla_backend_optimization_level=0", "--xla_llvm_disable_expensive_passes=true"]
+# To compile the parts of a program side by side takes a tenth longer where each core has its own process.
 if jax.__version_info__ < (0, 12):  # an XLA that lacks a flag refuses to start
-    _FLAGS.append("--xla_cpu_use_fusion_emitters=false")
+    _FLAGS += ["--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1"]
 os.environ.setdefault("XLA_FLAGS", " ".join(_FLAGS))
 
 # Tracing a program makes very many objects, few of them garbage: to look for it seldom saves 8 % of the
@@ -104,7 +105,7 @@ def _plain_telescope(colours=None):
 
 @pytest.fixture(scope="module")
 def few_pictures():
-    """Draw two fitted frames and two others a run instead of 24 each: a picture takes a tenth of a second."""
+    """Draw two fitted frames of a run and two others, not 24: a picture takes a tenth of a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jitterkit.batch.ranking.TOP", 2)
         yield
