@@ -55,7 +55,7 @@ WRONG_PATHS = [
 
 
 def test_what_is_wrong_with_paths_is_reported_before_jax_is_loaded(tmp_path):
-    """One process for all: each command loads what it needs, and adds it to what those before it loaded."""
+    """One process for all: what a command loads is still there for those after it."""
     (tmp_path / "ready").mkdir()
     for name in ("a.fits", "results.ecsv"):
         (tmp_path / "ready" / name).touch()

@@ -146,7 +146,8 @@ def test_sharp_and_streaked_exchanged_are_refused(blur, coins, length):
         pytest.param((2.0, 2.0), (0.5, 0.5), marks=pytest.mark.slow),  # all round
         ((1.5, 0.5), (0.5, 0.5)),  # along one axis
         ((2.0, 0.8), (0.8, 2.0)),  # each along another
-        pytest.param((2.0, 0.5), (0.5, 4.0), marks=pytest.mark.slow),  # behind a blur eight times as large
+        # behind a blur eight times as large
+        pytest.param((2.0, 0.5), (0.5, 4.0), marks=pytest.mark.slow),
     ],
 )
 def test_a_reference_that_is_blurrier_along_any_axis_is_refused(coins, reference, frame):

@@ -85,7 +85,7 @@ def test_moments_and_places_are_those_of_the_truth(telescope, reference):
     assert 30 < sum(pulls) < 72 + 4 * 12
 
 
-@pytest.mark.parametrize("major", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("major", [0.0, pytest.param(0.05, marks=pytest.mark.slow), 0.2])
 def test_it_agrees_with_the_estimate_from_nothing(telescope, reference, major):
     frame = draw(telescope, Mvn.of(major, major / 2, 70.0), seed=5)
     quick, _ = estimated(reference, frame)
@@ -131,7 +131,11 @@ def test_a_pair_far_from_the_first_is_found_there_unless_the_frame_ends(telescop
     assert estimated(reference, draw(telescope, locus, seed=8, x=14.0, y=-15.0)) is None
 
 
-@pytest.mark.parametrize("locus", [Mvn.of(0.0), Mvn.of(0.2, 0.02, 75.0)], ids=["still", "blurred"])
+@pytest.mark.parametrize(
+    "locus",
+    [pytest.param(Mvn.of(0.0), marks=pytest.mark.slow), Mvn.of(0.2, 0.02, 75.0)],
+    ids=["still", "blurred"],
+)
 def test_a_wavefront_that_moved_costs_the_moments_a_twentieth_of_an_error(telescope, shown, reference, locus):
     """Noise-free images of the optics computed anew, beyond where the anchor reaches."""
     frame, system = draw(telescope, locus, seed=11), telescope.system()
@@ -240,7 +244,8 @@ def _believed(told, locus, changes):
     ids=["small", "undersampled", "odd"],
 )
 def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, common_telescope, system):
-    other = replace(telescope, **system) if system else replace(common_telescope, detector=telescope.detector)
+    common = replace(common_telescope, detector=telescope.detector)
+    other = replace(telescope, **system) if system else common
     optics, locus = other.system(), Mvn.of(0.2, 0.1, 60.0)
     first = draw(other, Mvn.of(0.15, 0.1, 20.0), seed=1)
     reference = made(locate_binary(Data.of(first), optics).parameters, optics)
