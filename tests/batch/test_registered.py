@@ -14,7 +14,7 @@ from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn, Stable
-from jitterkit.optics import obstructed_circle
+from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.report.flags import decode_flags
 from jitterkit.run.estimate import estimate_files
 from jitterkit.scene import Binary, Star
@@ -27,8 +27,8 @@ FRAMES, OTHER = 12, 7
 @pytest.fixture(scope="module")
 def telescope():
     """One of its own: frames are compared in a cut-out, which is smaller only of a large frame."""
-    pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
-    return replace(load_instrument("smallsat"), pupil_from=pupil)
+    pupil, band = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160), flat_band(530.0, 640.0, 3)
+    return replace(load_instrument("smallsat"), pupil_from=pupil, spectrum=band)
 
 
 @pytest.fixture(scope="module")

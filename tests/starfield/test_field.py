@@ -131,7 +131,7 @@ def test_a_change_of_seeing_is_reported_and_leaves_the_length(field, trail, shar
 
 
 def test_a_little_less_seeing_than_the_reference_s_is_in_the_error(field, trail, sharp):
-    frame, _ = field(np.random.default_rng(10), trail(4.0, 120.0), stars=60, side=500, fwhm=2.9)
+    frame, _ = field(np.random.default_rng(10), trail(4.0, 120.0), stars=30, side=360, fwhm=2.9)
     estimate = estimate_field(frame, reference=sharp[0])
     assert "narrower" in estimate.remarks[0]
     assert number_after("by", estimate.remarks[0]) == pytest.approx(
