@@ -23,8 +23,9 @@ jax.config.update("jax_enable_x64", True)
 # time of its new one ("fusion emitters"): modules that mostly fit take 0.65 of the processor time in all.
 # scripts/check --all sets XLA_FLAGS to an empty text, and so tests programs as users compile them.
 _FLAGS = ["--xla_backend_optimization_level=0", "--xla_llvm_disable_expensive_passes=true"]
+# To compile the parts of a program side by side takes a tenth longer where each core has its own process.
 if jax.__version_info__ < (0, 12):  # an XLA that lacks a flag refuses to start
-    _FLAGS.append("--xla_cpu_use_fusion_emitters=false")
+    _FLAGS += ["--xla_cpu_use_fusion_emitters=false", "--xla_cpu_parallel_codegen_split_count=1"]
 os.environ.setdefault("XLA_FLAGS", " ".join(_FLAGS))
 
 # Tracing a program makes very many objects, few of them garbage: to look for it seldom saves 8 % of the
@@ -102,8 +103,22 @@ def _plain_telescope(colours=None):
     )
 
 
+@pytest.fixture(scope="module")
+def few_pictures():
+    """Draw two fitted frames of a run and two others, not 24: a picture takes a tenth of a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jitterkit.batch.ranking.TOP", 2)
+        yield
+
+
 @pytest.fixture(scope="session")
-def telescope():
+def common_telescope():
+    """Return the common telescope, for a module whose fixture ``telescope`` is another one."""
+    return _plain_telescope()
+
+
+@pytest.fixture(scope="session")
+def telescope(common_telescope):
     """Return the telescope of all tests that need no special one; in commands it is the preset ``plain``.
 
     Each image shape, list of aberrations and set of free parameters needs its own compiled program, which
@@ -111,7 +126,7 @@ def telescope():
     so that a test fails if x and y are exchanged.  Its sources have one spectrum, which takes fewer programs;
     the preset has stars of unknown colours, as users have them.
     """
-    return _plain_telescope()
+    return common_telescope
 
 
 @pytest.fixture(scope="session", autouse=True)

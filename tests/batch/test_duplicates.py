@@ -19,6 +19,8 @@ from jitterkit.run.estimate import estimate_files
 from jitterkit.run.rows import Record
 from jitterkit.simulate import fits_header
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory, drawn, telescope):

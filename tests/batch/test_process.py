@@ -20,6 +20,8 @@ from jitterkit.run import process_files
 from jitterkit.run.estimate import estimate_files
 from jitterkit.simulate import fits_header, tiff_metadata
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 
 def write(path, simulated, telescope, **cards):
     header = fits_header(simulated, telescope) | cards

@@ -14,7 +14,7 @@ from jitterkit.batch.template_blur import TemplateBlurEstimator
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument
 from jitterkit.loci import Mvn, Stable
-from jitterkit.optics import obstructed_circle
+from jitterkit.optics import flat_band, obstructed_circle
 from jitterkit.report.flags import decode_flags
 from jitterkit.run.estimate import estimate_files
 from jitterkit.scene import Binary, Star
@@ -27,8 +27,8 @@ FRAMES, OTHER = 12, 7
 @pytest.fixture(scope="module")
 def telescope():
     """One of its own: frames are compared in a cut-out, which is smaller only of a large frame."""
-    pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
-    return replace(load_instrument("smallsat"), pupil_from=pupil)
+    pupil, band = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160), flat_band(530.0, 640.0, 3)
+    return replace(load_instrument("smallsat"), pupil_from=pupil, spectrum=band)
 
 
 @pytest.fixture(scope="module")
@@ -60,11 +60,11 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
 def test_registered_frames_that_were_resampled_are_told_by_their_noise(telescope, night, tmp_path):
     """Bilinear interpolation: frames that are registered to another are like it, whatever was done to all."""
     files, _ = night
-    for file in files:
+    for file in files[:4]:
         data = fits.getdata(file)
         write_fits(tmp_path / file.name, shift(data, 0.5, order=1, mode="nearest"))
     table = estimate_files(sorted(tmp_path.iterdir()), TemplateBlurEstimator(FrameProcessor(telescope)))
-    assert ["correlated (0." in message for message in table["message"]] == [True] * FRAMES
+    assert ["correlated (0." in message for message in table["message"]] == [True] * 4
 
 
 def test_derivatives_have_less_padding_where_the_stars_are_those_of_the_reference_frame(telescope, night):

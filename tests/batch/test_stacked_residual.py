@@ -26,6 +26,8 @@ from jitterkit.run.stacked_stars import bias_without, find_stacked_stars
 from jitterkit.scene import Binary, FurtherStars, Star
 from jitterkit.simulate import fits_header
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 FRAMES, FLAT = 48, 0.007
 """In a night, and the rms error of a pixel's sensitivity."""
 

@@ -12,6 +12,8 @@ from jitterkit.frames import is_whole, read_frames, write_fits
 from jitterkit.run import process_files
 from jitterkit.run.watch import WATCH, watch_directory
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 COUNT = 20
 
 

@@ -10,6 +10,7 @@ from jitterkit.report.table import read_table
 
 runner = CliRunner()
 SMALL = ["causes", "-i", "smallsat"]
+PLAIN = ["causes", "-i", "plain"]  # whose pupil takes less time
 
 
 @pytest.mark.slow
@@ -44,9 +45,9 @@ def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_separates_them(tmp_p
         (["--diffusion", "-1px"], ErrorCode.OUT_OF_RANGE, ["--diffusion -1px"]),
         (["--diffusion", "0.3"], ErrorCode.UNKNOWN_UNIT, ["--diffusion 0.3"]),
         (["--seeing", "1"], ErrorCode.UNKNOWN_UNIT, ["--seeing 1"]),
-        (["--aberration", "noll99=3"], ErrorCode.UNKNOWN_NAME, ["'noll99'", "noll4"]),
-        (["--aberration", "noll5"], ErrorCode.MALFORMED, ["--aberration noll5"]),
-        (["--aberration", "noll5=inf"], ErrorCode.OUT_OF_RANGE, ["--aberration noll5=inf"]),
+        (["--aberration", "noll99=3"], ErrorCode.UNKNOWN_NAME, ["'noll99'", "noll7"]),
+        (["--aberration", "noll7"], ErrorCode.MALFORMED, ["--aberration noll7"]),
+        (["--aberration", "noll7=inf"], ErrorCode.OUT_OF_RANGE, ["--aberration noll7=inf"]),
         (["--locus", "linear"], ErrorCode.MISSING_VALUE, ["linear", "--length"]),
         pytest.param(
             ["--locus", "linear", "--length", "0"],
@@ -58,4 +59,4 @@ def test_a_free_jitter_is_taken_for_diffusion_and_telemetry_separates_them(tmp_p
     ],
 )
 def test_what_is_wrong_is_reported_in_a_sentence(arguments, code, values, check_error):
-    check_error(runner.invoke(app, [*SMALL, *arguments]), code, *values)
+    check_error(runner.invoke(app, [*PLAIN, *arguments]), code, *values)

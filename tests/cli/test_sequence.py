@@ -16,9 +16,8 @@ from jitterkit.report.table import read_table
 
 TELESCOPE = """
 [instrument]
-base = "smallsat"
+base = "plain"
 name = "little"
-shape = [32, 32]
 
 [detector]
 line_time = 1e-4

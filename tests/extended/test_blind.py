@@ -18,7 +18,7 @@ from jitterkit.extended import blind, estimate_blind
     ("scene", "length", "angle", "decibels"),
     [
         ("coins", 7.3, 122.5, 30),
-        ("camera", 32.7, 46.2, 30),
+        pytest.param("camera", 32.7, 46.2, 30, marks=pytest.mark.slow),
         ("page", 16.1, 30.6, 40),
         ("brick", 33.8, 166.0, 30),
     ],

@@ -50,7 +50,7 @@ def test_moments_of_a_normal_blur(coins):
     np.testing.assert_allclose(estimate.moments, [0.64, 0.0, 2.25], atol=0.045)
 
 
-@pytest.mark.parametrize("length", [25.0, 40.0])
+@pytest.mark.parametrize("length", [pytest.param(25.0, marks=pytest.mark.slow), 40.0])
 def test_a_long_streak_is_not_taken_for_one_of_its_nulls(blur, coins, length):
     estimate = estimate_from_reference(*pair(blur, coins, length, 30.0))
     size = estimate.locus.describe()
@@ -91,7 +91,9 @@ def test_a_jump_is_refused(coins):
         estimate_from_reference(*moved(coins, lambda along, _: np.cos(np.pi * 8 * along)))
 
 
-@pytest.mark.parametrize(("sigma", "noise"), [(0.0, 1.7), (0.0, 15.0), (1.5, 15.0)])
+@pytest.mark.parametrize(
+    ("sigma", "noise"), [pytest.param(0.0, 1.7, marks=pytest.mark.slow), (0.0, 15.0), (1.5, 15.0)]
+)
 def test_noise_is_not_taken_for_a_scene(coins, sigma, noise):
     # a blur that smooths the reference's noise must not look better than none
     soft, rng = gaussian_filter(coins, sigma, truncate=8), np.random.default_rng(5)
@@ -131,7 +133,7 @@ def in_noise(scene, seed):
     return scene + np.random.default_rng(seed).normal(0, 1, scene.shape)
 
 
-@pytest.mark.parametrize("length", [3.0, 30.0])
+@pytest.mark.parametrize("length", [pytest.param(3.0, marks=pytest.mark.slow), 30.0])
 def test_sharp_and_streaked_exchanged_are_refused(blur, coins, length):
     sharp, streaked = pair(blur, coins, length, 40.0, 45.0)
     with refused(ErrorCode.BAD_REFERENCE, "pixel²", error=UndeterminedError):
@@ -141,10 +143,11 @@ def test_sharp_and_streaked_exchanged_are_refused(blur, coins, length):
 @pytest.mark.parametrize(
     ("reference", "frame"),
     [
-        ((2.0, 2.0), (0.5, 0.5)),  # all round
+        pytest.param((2.0, 2.0), (0.5, 0.5), marks=pytest.mark.slow),  # all round
         ((1.5, 0.5), (0.5, 0.5)),  # along one axis
         ((2.0, 0.8), (0.8, 2.0)),  # each along another
-        ((2.0, 0.5), (0.5, 4.0)),  # behind a blur eight times as large
+        # behind a blur eight times as large
+        pytest.param((2.0, 0.5), (0.5, 4.0), marks=pytest.mark.slow),
     ],
 )
 def test_a_reference_that_is_blurrier_along_any_axis_is_refused(coins, reference, frame):

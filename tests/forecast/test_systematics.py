@@ -55,7 +55,7 @@ def refitted(model, change, hold):
     [
         ("plate_scale", 1e-5),
         ("background", 0.3),
-        ("gradient", 0.3),
+        pytest.param("gradient", 0.3, marks=pytest.mark.slow),
         ("coma_b", 0.3),
         ("focus_change", 2.0),
         ("noll9", 0.3),

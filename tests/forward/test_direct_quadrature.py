@@ -31,7 +31,7 @@ def chi_squared(toliman, spectrum, truth, locus, pad):
     return np.sum((np.asarray(image) - truth) ** 2 / truth)
 
 
-SLOW = ("tones", "ellipse", "path")
+SLOW = ("mvn", "tones", "ellipse", "path")
 """tests/loci holds their transfer functions to sums over their points, as it does those of the others."""
 
 

@@ -59,7 +59,11 @@ def public(system, locus, **source):
 
 @pytest.mark.parametrize(
     "locus",
-    [None, ("linear", 0.75, 25.0), pytest.param(("shm", 0.6, 115.0), marks=pytest.mark.slow)],
+    [
+        pytest.param(None, marks=pytest.mark.slow),
+        ("linear", 0.75, 25.0),
+        pytest.param(("shm", 0.6, 115.0), marks=pytest.mark.slow),
+    ],
     ids=["none", "linear", "shm"],
 )
 def test_images_equal_the_public_models(toliman, toliman_system, locus):

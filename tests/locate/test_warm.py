@@ -13,7 +13,7 @@ from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import MISFIT, Data
 from jitterkit.locate import ReferenceFrame, locate_binary
 from jitterkit.loci import Linear, Mvn, Shm
-from jitterkit.optics import Anchor, obstructed_circle
+from jitterkit.optics import Anchor, flat_band, obstructed_circle
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
 
@@ -26,7 +26,8 @@ def telescope():
     pupil = obstructed_circle(0.09, 0.03, noll=(7, 8), samples=160)
     small = load_instrument("smallsat")
     deep = replace(small.detector, full_well=1e7, bits=22)
-    return replace(small, pupil_from=pupil, detector=deep, colours=None)
+    band = flat_band(530.0, 640.0, 3)
+    return replace(small, pupil_from=pupil, spectrum=band, detector=deep, colours=None)
 
 
 @pytest.fixture(scope="module")
@@ -233,14 +234,15 @@ def _believed(told, locus, changes):
 @pytest.mark.parametrize(
     "system",
     [
-        {"shape": (64, 64)},
+        None,  # the common telescope, whose programs other tests compile
         pytest.param({"plate_scale": 0.75}, marks=pytest.mark.slow),
         pytest.param({"plate_scale": 0.75, "shape": (74, 74)}, marks=pytest.mark.slow),  # 405 fine samples
     ],
     ids=["small", "undersampled", "odd"],
 )
-def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, system):
-    other = replace(telescope, **system)
+def test_a_frame_of_which_no_part_is_enough_is_used_as_it_is(telescope, common_telescope, system):
+    common = replace(common_telescope, detector=telescope.detector)
+    other = replace(telescope, **system) if system else common
     optics, locus = other.system(), Mvn.of(0.2, 0.1, 60.0)
     first = draw(other, Mvn.of(0.15, 0.1, 20.0), seed=1)
     reference = made(locate_binary(Data.of(first), optics).parameters, optics)

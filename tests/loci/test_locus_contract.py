@@ -112,7 +112,17 @@ ALONG_X, ALONG_Y = np.linspace(-1.2, 1.2, 13), np.linspace(-1.1, 1.1, 12)
 FX, FY = (f.ravel() for f in np.meshgrid(ALONG_X, ALONG_Y))
 
 
-@pytest.fixture(params=[*LOCI, *(kind for kind in EXAMPLES if kind not in LOCI)])
+SECOND = "any simple, a streak"
+"""Has the values and derivatives of the streak that it stands for (test_simple)."""
+
+
+@pytest.fixture(
+    params=[
+        *LOCI,
+        *(kind for kind in EXAMPLES if kind not in (*LOCI, SECOND)),
+        pytest.param(SECOND, marks=pytest.mark.slow),
+    ]
+)
 def kind(request):
     return request.param
 
@@ -170,7 +180,7 @@ def test_no_two_kinds_share_the_name_of_a_coordinate():
 
 def test_the_first_derivatives_vanish_because_the_mean_offset_does(example):
     locus = example()
-    slope = jax.jacfwd(lambda f: locus.transfer(f[0], f[1]))(np.zeros(2))
+    slope = jax.jit(jax.jacfwd(lambda f: locus.transfer(f[0], f[1])))(np.zeros(2))
     assert np.abs(slope) == pytest.approx(np.zeros(2), abs=1e-14)
 
 
@@ -178,7 +188,7 @@ def test_the_curvature_of_the_transfer_function_gives_the_second_moments(example
     # M = 1 - 2 pi^2 f'Sf + ..., the first terms of the characteristic function of any density.
     locus = example()
     slope = jax.jacfwd(lambda f: jnp.real(locus.transfer(f[0], f[1])))
-    curvature = jax.jacfwd(slope)(np.zeros(2))
+    curvature = jax.jit(jax.jacfwd(slope))(np.zeros(2))
     assert np.asarray(curvature) == pytest.approx(
         -4 * np.pi**2 * matrix(locus.moments()), rel=1e-12, abs=1e-14
     )

@@ -152,7 +152,8 @@ def test_the_slope_where_the_motion_turns_round_survives_32_bits():
     def slope():
         locus = PartialShm.of(0.6, 25.0, 0.05, 90.0)
         f = np.linspace(0.0, 1.2, 9)
-        return np.asarray(jax.jacfwd(lambda c: jnp.abs(locus.at(c).transfer(f, f)))(locus.coords))[:, 3]
+        slopes = jax.jit(jax.jacfwd(lambda c: jnp.abs(locus.at(c).transfer(f, f))))
+        return np.asarray(slopes(locus.coords))[:, 3]
 
     double = slope()
     with jax.enable_x64(False):

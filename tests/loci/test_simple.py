@@ -24,6 +24,12 @@ LOCI = [
 FX, FY = np.linspace(0, 2, 21)[None, :], np.linspace(-2, 2, 31)[:, None]
 
 
+def slopes_of(locus, derivative):
+    """Derivatives of the transfer function and of the moments, by one compiled program."""
+    both = jax.jit(derivative(lambda c: (locus.at(c).transfer(FX, FY), locus.at(c).moments())))
+    return lambda coords: tuple(map(np.asarray, both(coords)))
+
+
 @pytest.mark.parametrize("locus", LOCI, ids=lambda locus: type(locus).__name__)
 def test_the_common_form_has_the_values_and_derivatives_of_the_locus(locus):
     simple, size = AnySimple.instead_of(locus), len(locus.names)
@@ -32,15 +38,13 @@ def test_the_common_form_has_the_values_and_derivatives_of_the_locus(locus):
     assert simple.describe() == locus.describe()
     coords = jnp.asarray(simple.coords)
     for derivative in (jax.jacfwd, jax.jacrev):  # the information's and the score's
-        slope = np.asarray(derivative(lambda c: simple.at(c).transfer(FX, FY))(coords))
-        bend = np.asarray(derivative(lambda c: simple.at(c).moments())(coords))
+        slope, bend = slopes_of(simple, derivative)(coords)
         assert not np.any(slope[..., size:])
         assert not np.any(bend[..., size:])
         if size:
-            own = np.asarray(jax.jacfwd(lambda c: locus.at(c).transfer(FX, FY))(jnp.asarray(locus.coords)))
+            own, own_bend = slopes_of(locus, jax.jacfwd)(jnp.asarray(locus.coords))
             assert slope[..., :size] == pytest.approx(own, abs=2e-14 * np.abs(own).max())
-            own = jax.jacfwd(lambda c: locus.at(c).moments())(jnp.asarray(locus.coords))
-            assert bend[..., :size] == pytest.approx(np.asarray(own), abs=1e-16)
+            assert bend[..., :size] == pytest.approx(own_bend, abs=1e-16)
 
 
 def test_a_locus_with_a_shape_of_its_own_is_none():
@@ -72,9 +76,17 @@ def start_of(locus):
     return Parameters(Star(0.2, -0.1, 1e6), locus, [1.0, -1.0])
 
 
-def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(otf, data, programs):
+@pytest.mark.parametrize(
+    "loci",
+    [
+        pytest.param(LOCI[:3], id="stable, normal, streak"),
+        pytest.param([LOCI[0], *LOCI[3:5]], id="stable, vibration, ellipse", marks=pytest.mark.slow),
+    ],
+)
+def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(loci, otf, data, programs):
+    """Each of their own programs takes more than a second to compile."""
     limits = np.asarray(50), np.asarray(1e-6), np.asarray(0.0025)
-    for locus in LOCI[:5]:
+    for locus in loci:
         start = start_of(type(locus).near(Linear.of(0.4, 30.0).moments()))
         free = free_parameters(start, otf, GRADIENT)[1]
         prior = Prior.none(len(free))

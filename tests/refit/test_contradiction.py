@@ -27,7 +27,7 @@ def chance(bench, result, priors):
 
 
 # a frame knows the moments to about 1e-4: priors that know more, as much and less
-@pytest.mark.parametrize("width", [1e-5, 1e-4, 1e-2])
+@pytest.mark.parametrize("width", [1e-5, pytest.param(1e-4, marks=pytest.mark.slow), 1e-2])
 def test_the_chance_of_a_prior_that_holds_is_anything_from_0_to_1(bench, rng, width):
     locus, told = Mvn.of(0.12, 0.06, 30.0), SHAPE @ SHAPE.T * width**2
     found = []

@@ -15,6 +15,9 @@ from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.pictures import choose_pictures, pack_picture, render_pictures
 from jitterkit.report.row import make_row
 
+SIMPLE = ("stable", "linear", "shm", "mvn", "ellipse", "lissajous")
+"""Loci of one kind: other tests draw frames that were fitted with some of them."""
+
 
 @pytest.mark.parametrize("locus", ["linear", "shm", "mvn", "stable"])
 def test_a_fitted_frame_becomes_one_small_picture(make_fit, locus):
@@ -27,7 +30,13 @@ def test_a_fitted_frame_becomes_one_small_picture(make_fit, locus):
     assert len(pickle.dumps(report)) < 400_000  # it crosses processes
 
 
-@pytest.mark.parametrize("name", LOCI)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in SIMPLE and name != "stable" else name
+        for name in LOCI
+    ],
+)
 def test_every_locus_that_a_fit_may_end_with_is_drawn_with_its_kernel(make_fit, name):
     """Tones and smears are built of two loci: a run that ended with one was not written."""
     frame, result = make_fit("mvn")
