@@ -148,7 +148,6 @@ def test_a_close_pair_that_only_an_intricate_motion_describes_may_be_one_star(te
         assert ("maybe_pair" in flag_uneven_motion(fit, telescope.optics()).flags) == flagged
 
 
-@pytest.mark.slow  # tries every locus; a star is chosen, so that nothing is flagged (see the test before)
 def test_a_drift_that_accelerates_is_not_a_pair_without_a_word(telescope, rng):
     """A star that starts from rest dwells where it starts: two stars that drift along their line fit it."""
     nodes, shares = np.polynomial.legendre.leggauss(16)

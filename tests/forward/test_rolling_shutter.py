@@ -246,11 +246,7 @@ STEPS |= dict.fromkeys(("background", "background_x", "background_y"), 1e-3)
 
 @pytest.mark.parametrize(
     ("following", "diffusion"),
-    [
-        pytest.param(False, 0.0, marks=pytest.mark.slow),
-        pytest.param(False, -0.003, marks=pytest.mark.slow),
-        (True, 0.01),
-    ],
+    [pytest.param(False, 0.0, marks=pytest.mark.slow), (False, -0.003), (True, 0.01)],
 )
 def test_every_derivative_of_a_rolling_frame_agrees_with_finite_differences(otf, rng, following, diffusion):
     drift = Drifting(LINE, (30.0, -70.0), nodes=3)
