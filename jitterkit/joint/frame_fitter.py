@@ -44,6 +44,9 @@ _SQUARE = 2.0
 """Errors by which the square of an aberration must differ from zero to be varied: to vary noise costs little,
 and a focus that is held makes moments of a frame wrong by about as many errors."""
 
+_SHINING = 5.0
+"""Errors of its flux from which a pair rises above the noise."""
+
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""
 
@@ -304,12 +307,15 @@ class FrameFitter:
         return Data.of(frame, censored=self.censored)
 
     def _check_plausible(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
-        """Return the fit; as a poor fit, with the reason, if it is implausible."""
-        grid = self.optics.nominal.grid
-        if (p := fit.parameters) is None or not (problem := p.implausible(grid.shape, grid.plate_scale)):
+        """Return the fit; as none, with the reason, if it shows no star or is implausible."""
+        if (p := fit.parameters) is None:
             return fit, otf
-        message = f"{Status.POOR_FIT.value}: {problem}."
-        return replace(fit, status=Status.POOR_FIT, message=message), otf
+        grid = self.optics.nominal.grid
+        if "flux" in fit.names and not fit.of_scene("flux") > _SHINING * fit.error("flux"):
+            return replace(fit, status=Status.NO_STAR, message=f"{Status.NO_STAR.value}."), otf
+        if problem := p.implausible(grid.shape, grid.plate_scale):
+            return replace(fit, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {problem}."), otf
+        return fit, otf
 
     def _with_locus(self, data: Data, normal: FitResult, otf: OTF, options) -> tuple[FitResult, OTF]:
         """Fit the locus, starting from the fit of a normal."""
