@@ -307,11 +307,11 @@ class FrameFitter:
         return Data.of(frame, censored=self.censored)
 
     def _check_plausible(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
-        """Return the fit; as none, with the reason, if it shows no star or is implausible."""
+        """Return the fit; with another status if it shows no star, or is implausible."""
         if (p := fit.parameters) is None:
             return fit, otf
         grid = self.optics.nominal.grid
-        if "flux" in fit.names and not fit.of_scene("flux") > _SHINING * fit.error("flux"):
+        if "flux" in fit.names and fit.of_scene("flux") < _SHINING * fit.error("flux"):
             return replace(fit, status=Status.NO_STAR, message=f"{Status.NO_STAR.value}."), otf
         if problem := p.implausible(grid.shape, grid.plate_scale):
             return replace(fit, status=Status.POOR_FIT, message=f"{Status.POOR_FIT.value}: {problem}."), otf

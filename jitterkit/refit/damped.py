@@ -53,7 +53,9 @@ def damped_scoring(
         Its score, information and curvature are without the penalty.  None where the steps ran out: a mode
         that a symmetric pupil shows by its square only has no derivative where it is zero.
     """
-    index = list(free)
+
+    def values_of(result: ScoringResult) -> np.ndarray:
+        return np.asarray(to_vector(result.parameters)[0])[list(free)]
 
     def exact(parameters: Parameters, otf: OTF, known=None):
         return fisher_scoring(parameters, otf, data, free, prior, max_steps=0, known=known)
@@ -63,16 +65,15 @@ def damped_scoring(
     squares = _squared_phases(start, otf, optics, free)
     stiffness = error_per_square(start)  # a change that is off by one sigma costs a deviance of one
     for _ in range(_STEPS):
-        vector = np.asarray(to_vector(here.parameters)[0])[index]
-        penalty = np.diag(stiffness * squares)
-        where = here.parameters, otf, data, free, _limited(prior, penalty, vector)
+        limited = _limited(prior, np.diag(stiffness * squares), values_of(here))
+        where = here.parameters, otf, data, free, limited
         end = fisher_scoring(*where, max_steps=max_steps, tolerance=tolerance, known=here.information)
         iterations += int(end.iterations)
-        move = np.asarray(to_vector(end.parameters)[0])[index] - vector
         state = np.asarray(end.parameters.aberrations)
         there = exact(end.parameters, optics.near(state, otf), end.information)
         gain = float(here.objective - there.objective)
-        foreseen = float(here.objective - end.objective + move @ penalty @ move)
+        beside = _cost(limited, values_of(end)) - _cost(prior, values_of(end))
+        foreseen = float(here.objective - end.objective) + beside
         if gain > 0:
             otf = optics.otf(state)
             here = exact(end.parameters, otf)
@@ -97,6 +98,11 @@ def _squared_phases(start: Parameters, otf: OTF, optics: Optics, free: tuple[int
     squares = {name: optics.phase(unit) ** 2 for name, unit in zip(otf.names, units, strict=False)}
     names = parameter_names(start, otf.names)
     return np.array([squares.get(names[index], 0.0) for index in free])
+
+
+def _cost(prior: Prior, values: np.ndarray) -> float:
+    """Return a prior's cost of values, without that of the moments."""
+    return float((values - prior.mean) @ np.asarray(prior.precision) @ (values - prior.mean))
 
 
 def _limited(prior: Prior, penalty: np.ndarray, centre: np.ndarray) -> Prior:

@@ -102,7 +102,8 @@ def convergence_error(tolerance: float, locus: Locus, aberrations: bool) -> floa
 
     It adds up the tolerance, rounding in 32 bits, the flat valleys of a locus with regularizing priors, and
     the linearisation of the optics where aberrations vary.  (Where a pixel reaches its lower bound, the
-    likelihood has a kink, at which 1e-4 may be left.)
+    likelihood has a kink, at which 1e-4 may be left.  A frame so faint that steps run out, or that the
+    wavefront is damped, may be off by 0.02 of an error.)
     """
     error = max(tolerance, _least_error(locus))
     return error + (_SEPARATION_PER_SIGMA * linearisation_tolerance(error) if aberrations else 0.0)

@@ -14,7 +14,7 @@ from jitterkit.optics.expansion import grid_for
 from jitterkit.optics.observatories import jwst_pupil
 from jitterkit.optics.pupil import open_pupil
 from jitterkit.optics.spectrum import flat_band
-from jitterkit.refit import Status, fit_frame
+from jitterkit.refit import FitOptions, Priors, Status, fit_frame
 from jitterkit.scene import Star
 
 READ_NOISE = 2.4
@@ -29,23 +29,28 @@ def segmented():
     return OpticalSystem(pupil, band, grid_for(pupil, band, (48, 48), 0.0656, pad=12))
 
 
-def exact_deviance(data, system, parameters):
-    """Of normal noise and counts, up to a constant, with optics computed for these very aberrations."""
+def exact_cost(data, system, parameters, sigma):
+    """Deviance, up to a constant, with optics computed for these very aberrations; and the prior's."""
     image = np.asarray(expected_image(parameters, system.otf(parameters.aberrations)))
     counts = np.asarray(data.electrons) + READ_NOISE**2
     level = image + READ_NOISE**2
-    return 2 * float(np.sum(level - np.where(counts > 0, counts * np.log(level), 0.0)))
+    deviance = 2 * float(np.sum(level - counts * np.log(level)))
+    return deviance + float(np.sum((np.asarray(parameters.aberrations) / (sigma or np.inf)) ** 2))
 
 
-@pytest.mark.parametrize(("seed", "flux"), [(0, 2e3), (5, 2e3), (6, 2e3), (6, 6e3)])
-def test_a_fit_settles_where_aberrations_are_hardly_seen(segmented, seed, flux):
+@pytest.mark.parametrize(
+    ("seed", "flux", "sigma"),
+    [(0, 2e3, None), (5, 2e3, None), (6, 2e3, None), (6, 6e3, None), (7, 2e3, 300.0), (6, 6e3, 300.0)],
+)
+def test_a_fit_settles_where_aberrations_are_hardly_seen(segmented, seed, flux, sigma):
     """Expansions went to and fro between wavefronts of hundreds of nm, or farther and farther away."""
     rng = np.random.default_rng([3, seed])
     star, blur = Star(0.01, -0.02, flux), Mvn.of(0.06, 0.03, 20.0)
     truth = Parameters(star, blur, rng.normal(0.0, 5.0, 8))
     image = np.asarray(expected_image(truth, segmented.otf(truth.aberrations)))
     data = Data(rng.poisson(image) + rng.normal(0.0, READ_NOISE, image.shape), READ_NOISE**2)
-    result = fit_frame(data, segmented, truth)
+    known = FitOptions(priors=Priors.alike(segmented.nominal.names, sigma))
+    result = fit_frame(data, segmented, truth, options=known)
     assert result.status is Status.OK
     moments, covariance = result.moments()
     assert np.all(np.abs(moments - np.asarray(blur.moments())) < 4 * np.sqrt(np.diag(covariance)))
@@ -53,12 +58,12 @@ def test_a_fit_settles_where_aberrations_are_hardly_seen(segmented, seed, flux):
     vector, unravel = to_vector(result.parameters)
     names, free = free_parameters(result.parameters, segmented.nominal)
     assert names == result.names
-    least = exact_deviance(data, segmented, result.parameters)
+    least = exact_cost(data, segmented, result.parameters, sigma)
     values, axes = np.linalg.eigh(result.covariance)
     for direction in (axes * np.sqrt(values)).T:
         for step in (0.3, -0.3):
             beside = unravel(vector.at[np.array(free)].add(step * direction))
-            assert exact_deviance(data, segmented, beside) > least
+            assert exact_cost(data, segmented, beside, sigma) > least
 
 
 def test_what_a_frame_shows_well_is_not_damped(segmented, monkeypatch):
