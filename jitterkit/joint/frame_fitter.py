@@ -45,7 +45,7 @@ _SQUARE = 2.0
 and a focus that is held makes moments of a frame wrong by about as many errors."""
 
 _SHINING = 5.0
-"""Errors of its flux from which a pair rises above the noise."""
+"""Errors of its flux from which a pair rises above the noise, as its second star has to."""
 
 _VISIBLE = 0.015
 """Rms [arcsec] of a streak that a fit starts from where the frame shows none."""

@@ -118,7 +118,7 @@ def hidden_squares(
     return {name for i, name in modes if abs(value[name]) < _HIDDEN * np.sqrt(covariance[i, i])}
 
 
-def ending(
+def convergence(
     end: ScoringResult, names: tuple[str, ...], unseen: Collection[str], aberrations, exact: bool
 ) -> tuple[bool, bool]:
     """Return whether a fit has converged, but for what need not, and whether a streak ended at zero length.

@@ -23,7 +23,7 @@ _BENT, _STIFFER = (0.25, 0.75), 4.0
 and divided by a factor."""
 
 _STEPS, _SETTLED = 40, 0.02
-"""Steps at most, each with an expansion of the optics (11 to 35 of frames of 3,500 to 22,000 electrons
+"""Steps at most, each with an expansion of the optics (11 to 34 of frames of 3,500 to 22,000 electrons
 through 18 hexagons); and the length of the step that remains where they end, in standard errors."""
 
 
@@ -65,6 +65,8 @@ def damped_scoring(
     squares = _squared_phases(start, otf, optics, free)
     stiffness = error_per_square(start)  # a change that is off by one sigma costs a deviance of one
     for _ in range(_STEPS):
+        if _left(here) < _SETTLED:
+            return Expanded(here._replace(converged=np.asarray(True)), otf, iterations)
         limited = _limited(prior, np.diag(stiffness * squares), values_of(here))
         where = here.parameters, otf, data, free, limited
         end = fisher_scoring(*where, max_steps=max_steps, tolerance=tolerance, known=here.information)
@@ -77,8 +79,6 @@ def damped_scoring(
         if gain > 0:
             otf = optics.otf(state)
             here = exact(end.parameters, otf)
-            if _left(here) < _SETTLED:
-                return Expanded(here._replace(converged=np.asarray(True)), otf, iterations)
         if not gain > _BENT[0] * foreseen:
             stiffness *= _STIFFER
         elif gain > _BENT[1] * foreseen:

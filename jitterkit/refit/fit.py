@@ -30,7 +30,7 @@ from jitterkit.optics import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import (
-    ending,
+    convergence,
     regularizing_priors,
     with_possible_errors,
 )
@@ -205,10 +205,13 @@ def _fit_and_expand(
     max_error = linearisation_tolerance(max(_least_error(start.locus), options.tolerance))
     damped = False
 
-    def ended(end: ScoringResult, otf: OTF) -> tuple[bool, bool]:
-        exact = linearisation_error(optics, end.parameters, otf) < max_error
+    def is_exact(end: ScoringResult, otf: OTF) -> bool:
+        return linearisation_error(optics, end.parameters, otf) < max_error
+
+    def converges(end: ScoringResult, otf: OTF) -> tuple[bool, bool]:
         system = optics.system if isinstance(optics, AnchoredOptics) else optics
-        return ending(end, names, () if bool(end.converged) else system.nominal.blind(), otf.names, exact)
+        unseen = () if bool(end.converged) else system.nominal.blind()
+        return convergence(end, names, unseen, otf.names, is_exact(end, otf))
 
     def fit_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
         nonlocal damped
@@ -216,8 +219,7 @@ def _fit_and_expand(
         if damped and (settled := damped_scoring(start, optics, *where, **limits)):
             return settled
         found = relinearised_scoring(start, otf, optics, *where, max_error=max_error, **limits)
-        exact = linearisation_error(optics, found.end.parameters, found.otf) < max_error
-        if damped or exact or ended(found.end, found.otf)[0]:
+        if damped or is_exact(found.end, found.otf) or converges(found.end, found.otf)[0]:
             return found
         if _is_poor(found.end, data) and _is_poor(fisher_scoring(start, otf, *where, max_steps=0), data):
             return found
@@ -247,7 +249,7 @@ def _fit_and_expand(
         image = np.asarray(expected_image(end.parameters, otf))
     end = with_possible_errors(end, clear, otf, names)
     seconds = time.perf_counter() - began
-    result = _finalize(clear, otf, end, image, names, iterations, seconds, *ended(end, otf))
+    result = _finalize(clear, otf, end, image, names, iterations, seconds, *converges(end, otf))
     if data.model_variance is not None:
         result = with_model_error(result, clear, otf, free)
     return _flag_prior_conflict(result, options.priors, free, end), otf
