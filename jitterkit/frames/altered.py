@@ -121,7 +121,8 @@ _CHANCE = 1e-6
 
 
 def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
-    """Find pixels that hold no sky: those outside of ``TRIMSEC`` or ``DATASEC``, or in ``BIASSEC``.
+    """Find pixels that hold no sky: those outside of ``TRIMSEC``, ``DATASEC`` or ``RTDATSEC`` (ING), or in
+    ``BIASSEC``.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | 
     -----
     The first of them decides.  If it does not lie in the image, that was trimmed later, and none counts.
     """
-    for key in ("TRIMSEC", "DATASEC", "BIASSEC"):
+    for key in ("TRIMSEC", "DATASEC", "RTDATSEC", "BIASSEC"):
         if (section := _SECTION.fullmatch(cards.text(key))) is None:
             continue
         x0, x1, y0, y1 = map(int, section.groups())

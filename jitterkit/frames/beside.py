@@ -76,23 +76,30 @@ ALL_BITS = 2**32 - 1
 _JWST_BAD = 1 | 1 << 9 | 1 << 31
 """DO_NOT_USE, NON_SCIENCE and REFERENCE_PIXEL: a jump or a saturated group leaves a usable slope."""
 
-_HST_GOOD = 64
-"""Warm pixels, whose dark current the pipeline has subtracted."""
-
-_HST_IR_GOOD = _HST_GOOD | 8192
-"""WFC3/IR, in whose ramps hits of cosmic rays are excluded one by one."""
+_HST_GOOD = {"ACS": 64, "WFC3": 64, "WFC3/IR": 64 | 8192, "NICMOS": 1024, "WFPC2": 1024}
+"""Bits of usable pixels, by instrument: warm ones, whose dark current the pipeline has subtracted; hits in a
+ramp, which are excluded one by one; sources (NICMOS, whose bit 64 is saturation); repaired warm pixels."""
 
 MISSIONS = ("HST", "JWST")
 """Conventions by which bits are faults of pixels, and none is what a pixel shows."""
 
 _LSST_GOOD = (
     "DETECTED", "DETECTED_NEGATIVE", "NOT_DEBLENDED", "CLIPPED", "REJECTED", "INEXACT_PSF", "BRIGHT_OBJECT",
-    "PARTLY_VIGNETTED", "HIGH_VARIANCE", "INJECTED", "INJECTED_TEMPLATE", "FAKE",
+    "PARTLY_VIGNETTED", "HIGH_VARIANCE", "INJECTED", "INJECTED_TEMPLATE", "FAKE", "SPIKE",
 )  # fmt: skip
 """Planes of LSST and HSC that say what a pixel shows or how it was made; any other marks it as unusable."""
 
 _SHOWN = re.compile(r"(?!SAT|BAD)(\w+_)?(DETECT(ED|IONS?)(_\w+)?|(SOURCE|OBJECT|STAR|GALAX(Y|IE)|SEGM\w*)S?)")
 """Names that other programs give such planes."""
+
+
+_MASK_NAME = re.compile(r"MSKN\d+$")
+"""Keyword of a plane's name; its bit is in MSKM of the same number, as LSST writes in place of MP_*."""
+
+
+def _power(bit: Any) -> int | None:
+    """Return the value of a bit by its number; None where it is none."""
+    return 1 << bit if isinstance(bit, int) and 0 <= bit < 32 else None
 
 
 def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
@@ -111,16 +118,18 @@ def bad_bits(plane: Mapping[str, Any], cards: Cards) -> tuple[int, str]:
         Sum of their values.
     convention : str
     """
-    names = {key[3:].upper(): plane[key] for key in plane if key.upper().startswith("MP_")}
-    numbers = {name: bit for name, bit in names.items() if isinstance(bit, int) and 0 <= bit < 32}
-    if numbers:
-        shown = {name for name in numbers if name in _LSST_GOOD or _SHOWN.fullmatch(name)}
-        return sum({1 << bit for name, bit in numbers.items() if name not in shown}), "its planes MP_*"
+    masks = {key[3:].upper(): _power(plane[key]) for key in plane if key.upper().startswith("MP_")}
+    masks |= {str(plane[key]).upper(): plane.get(f"MSKM{key[4:]}") for key in plane if _MASK_NAME.match(key)}
+    known = {name: mask for name, mask in masks.items() if isinstance(mask, int) and 0 < mask <= ALL_BITS}
+    if known:
+        shown = {name for name in known if name in _LSST_GOOD or _SHOWN.fullmatch(name)}
+        return sum({mask for name, mask in known.items() if name not in shown}), "its named planes"
     name = cards.dialect.name
     if name == "JWST":
         return _JWST_BAD, name
     if name == "HST":
-        return ALL_BITS & ~(_HST_IR_GOOD if cards.text("DETECTOR").upper() == "IR" else _HST_GOOD), name
+        camera = cards.text("INSTRUME").upper() + "/IR" * (cards.text("DETECTOR").upper() == "IR")
+        return ALL_BITS & ~_HST_GOOD.get(camera, 0), name
     return ALL_BITS, "any bit"
 
 

@@ -29,6 +29,10 @@ _AGREEMENT: Mapping[str, float] = {"exposure": 0.1, "plate_scale": 0.01}
 _TIMES = ("exposure", "line_time")
 """Quantities that may be written as a fraction: 1/200 s."""
 
+_KINDS = ("IMAGETYP", "OBSTYPE", "FRAME", "FRAMETYP", "OBJECT", "ESO DPR TYPE", "EXPTYPE")
+_WITHOUT_LIGHT = re.compile(r"bias|zero|offset", re.I)
+"""Keywords that say what was exposed, and their words for an exposure that ends when it begins."""
+
 _BARE_WELL = re.compile(r"full.?well|capacity", re.I)
 """Comment of a saturation that is usually in electrons, and does not say so."""
 
@@ -115,6 +119,11 @@ class Cards:
         other = copy.copy(self)
         other.warnings = []
         return other
+
+    @property
+    def _behind(self) -> list[Cards]:
+        """The primary header alone, where there is one behind this."""
+        return [Cards(header, hdu) for header, hdu in self.layers[1:]]
 
     def warn(self, text: str) -> None:
         """Add a warning, each once."""
@@ -236,10 +245,16 @@ class Cards:
         number = next(self.believed(name), None)
         if number is None:
             return None
+        others = [other for cards in (self.aside, *self._behind) for other in cards.believed(name)]
+        if name == "exposure" and not number.value:  # of a bias, or of a program that does not know it
+            number = next((other for other in others if other.value), number)
+            if not number.value and not _WITHOUT_LIGHT.search(" ".join(map(self.text, _KINDS))):
+                self.warn(f"{number.said} s: if there was light, give --exposure")
         if name in _AGREEMENT and number.key not in self.dialect.keywords.get(name, ()):
-            for other in self.aside.believed(name):
+            for other in others:
                 if abs(other.value - number.value) > _AGREEMENT[name] * max(other.value, number.value):
                     found = f"{other.said} {QUANTITIES[name].unit}"
+                    found += f" ({other.source})" * (other.key == number.key)
                     self.warn(f"{number.said} is used, and {found} contradicts it")
         return Sourced(number.value, QUANTITIES[name].unit, number.source)
 

@@ -65,7 +65,7 @@ DIALECTS = (
     Dialect(
         "HST", "TELESCOP", r"^HST$",
         {
-            "gain": (("ATODGNA", "ATODGNB", "ATODGNC", "ATODGND"), "ATODGAIN", "CCDGAIN"),
+            "gain": (("ATODGNA", "ATODGNB", "ATODGNC", "ATODGND"), "ATODGAIN", "CCDGAIN", "ADCGAIN"),
             "read_noise": (("READNSEA", "READNSEB", "READNSEC", "READNSED"), "READNSE"),
         },
     ),

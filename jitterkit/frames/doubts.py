@@ -38,10 +38,15 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
     if said and known.value("unit", "adu") in ("adu", "adu/s"):
         found = f"{said} says that the gain was applied"
         warnings.append(f"the pixels are taken as ADU, and {found}: they may be electrons")
+    multipliers = filter(None, map(cards.number, filter(_MULTIPLIER.fullmatch, cards.names)))
+    times = next((number for number in multipliers if number.value > 1), None)
+    if times is not None and known.gain is not None:
+        found = f"{times.said} multiplies the electrons before they are read"
+        warnings.append(f"{found}: gain, read noise and saturation may be those without it")
     noise = known.read_noise
     key = "" if noise is None else noise.source.removeprefix("header ").partition(" (")[0]
     of_one = _ONE_READ.search((cards.find(key) or ("", ""))[1])
-    reads = next(filter(None, (cards.number(name) for name in _READS)), None)
+    reads = next(filter(None, (cards.number(name) for name in READS)), None)
     if of_one and (reads is None or reads.value > 1):
         found = f"{key} is the noise of one read by its comment ({of_one[0]!r})"
         warnings.append(f"{found}: if the exposure has several, give --read-noise")
@@ -59,11 +64,11 @@ def doubts(cards: Cards, known: Metadata) -> list[str]:
 _COMBINED = re.compile(
     r"(N|NO|NUM|NR)_?(OF_?)?(CO_?ADD(S|ED)?|COMB(INED?)?|EXP(S|OSURES)?|SUB(S|EXPS?|FRAMES?)?|STACK(S|ED)?"
     r"|(DRIZ)?IM(G|AGE)?S?|FRA?ME?S?|INPUTS?|AVG|AVERAGED?|SUM(MED)?|ACC(UM)?S?|DITS?)|CO_?ADDS?|COADD_NO"
-    r"|STACK(CNT|NUM|FRM|ED)|SNAPSHOT|AVERAGED|AVGNUM|COMBINED|SUMMED|SUBS|LIGH_CNT|FRAMES|ACCUM"
+    r"|STACK(CNT|NUM|FRM|ED)|TOTALBCD|SNAPSHOT|AVERAGED|AVGNUM|COMBINED|SUMMED|SUBS|LIGH_CNT|FRAMES|ACCUM"
     r"|ESO DET (\w+ )?NDIT|ESO PRO DATANCOM"
 )
 """Numbers of exposures in one image: Keck, Gemini, IRTF; ESO; IRAF; Siril; SBFITSEXT; ESO's pipelines; Astro
-Pixel Processor; ASTAP; Andor; AstroDrizzle; TESS; and others."""
+Pixel Processor; ASTAP; Andor; AstroDrizzle; TESS; Spitzer; and others."""
 
 _OF_OTHERS = re.compile(
     r"\b(sequence|series|templates?|visit|dither\w*|pattern|program\w*|blocks?|script|extensions?|planned"
@@ -171,8 +176,11 @@ _APPLIED: Mapping[str, Mapping[str, str]] = {
 """Cards of pixels whose bias was subtracted: MaxIm and ASTAP, IRAF, HST, ccdproc; and of those that were
 multiplied by the gain: ccdproc, which leaves BUNIT if its gain has no unit."""
 
+_MULTIPLIER = re.compile(r"EM[_-]?GAIN(_[ACM])?|GAINEM|EMREALGN|MULTGAIN", re.I)
+"""Gain of an electron-multiplying register, which has no unit."""
+
 _ONE_READ = re.compile(r"\b(per|single|each|one|of a) (\w+ )?(read|sample|cds)\b|/read\b", re.I)
-_READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLES")
+READS = ("NSAMP", "NREADS", "NREAD", "MULTISAM", "NFOWLER", "NSAMPLE", "NSAMPLES")
 """Comment of a noise of one read, and numbers of reads in an exposure."""
 
 
@@ -188,17 +196,17 @@ _ALIKE: Mapping[str, re.Pattern[str]] = {
     for name, pattern in {
         "exposure": r"(TRU)?ITIME|(INT|INTEG|EXP|EXPOS|EXPOSURE|ACC|ACQ|SHUT|FRAME)[_ ]?(T|TIM|TIME)|EXPTIMES"
         r"|EXP|EXPOSE?D?|EXP_?DUR|DURATION|T_?EXP(TIME)?|TOT(AL)?_?EXP\w*|EXPOINUS|ONTIME|ELAPTIME"
-        r"|(ESO DET (\w+ )?)?DIT\d?|EXP_?(MS|US|SEC)|FPS|FRA?ME?_?RATE?",
+        r"|(ESO DET (\w+ )?)?DIT\d?|(EXP|EXPTIME|EXPOSURE)_?(MS|US|SEC)|FPS|FRA?ME?_?RATE?",
         "gain": r"(CCD|SYS|CONV|AMP|INV|CAL|DET|EFF|E)?_?GAIN_?(EFF|[A-H]|\d{1,2})?|GTGAIN\d+|GAIN_E_ADU"
-        r"|ESO (QC )?DET \w+ (GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS",
+        r"|ESO (QC )?DET \w+ (GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS|ESCALE",
         "read_noise": r"(RD|READ|R|DET|CCD)_?(NOI|NOISE?|NSE?)_?([A-H]|\d{1,2})?|GTRON\d+"
-        r"|RON_?([A-H]|\d{1,2})?|ESO (QC )?DET \w+ RON",
-        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATURATI|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
+        r"|(DET|EFF)?RON_?([A-H]|\d{1,2})?|ESO (QC )?DET \w+ RON|CCDREAD",
+        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATUR(ATI|VAL)|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
         r"|FULLWELL|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
         "bias": r"(BIAS|BLACK|BLK|OVSCA?N?|OVERSCA?N?)_?(LE?VE?LL?|LEV|VAL(UE)?|MEAN|MED(IAN)?|AVG|ADU)?_?"
         r"([A-H]|\d)?",
-        "plate_scale": r"(ESO INS )?([XYAP]|SKY|IMG?|CCD|SPAT|[XYA]?_?PIX(EL)?|PLATE|PLT)_?SC(A|AL|ALE|L)?"
-        r"_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|IFOV|CDELT1|CD1_1",
+        "plate_scale": r"(ESO INS )?([XYAP]|PX|GS|SKY|IMG?|CCD|SPAT|[XYA]?_?PIX(EL)?|PLATE|PLT)"
+        r"_?SC(A|AL|ALE|L)?_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|IFOV|CDELT1|CD1_1",
     }.items()
 }
 """Keywords like those of a number, which are not read as their unit or meaning differs between programs."""

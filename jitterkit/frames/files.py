@@ -38,7 +38,7 @@ OTHERS = {
 REMEDY = "give a FITS or TIFF file"
 ASDF_REMEDY = "write each image (Roman: ['roman']['data'] of asdf.open) to FITS, with EXPTIME and BUNIT"
 
-_NOAO = re.compile(r"(?<=_)(oo|os)i(?=[_.])")
+_NOAO = re.compile(r"(?<=_)(oo|op|os)i(?=[_.])")
 """In the name of an image of the NOAO (NOIRLab) pipelines."""
 
 _NOAO_ROLES = {"quality": "d", "weight": "w"}
@@ -81,7 +81,7 @@ def files_beside(path: Path) -> list[tuple[str, Path]]:
     Parameters
     ----------
     path : Path
-        Its name has ``_ooi_`` (or ``_osi_``), theirs has ``_ood_`` and ``_oow_``.
+        Its name has ``_ooi_`` (``_opi_``, ``_osi_``), theirs has ``_ood_`` and ``_oow_``.
 
     Returns
     -------

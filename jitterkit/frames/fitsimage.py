@@ -12,6 +12,7 @@ from jitterkit.frames.altered import outside_of_data, scaled_up
 from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, rows_from_the_top, usable
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
+from jitterkit.frames.doubts import READS
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.hdu import Hdu
@@ -167,12 +168,13 @@ class FitsImage:
 def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
     """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so.
 
-    Warn of the planes of one integration of JWST, each of which has the light of those before it too.
+    Warn of the reads of one ramp, each of which has the light of those before it too; a cube of JWST has
+    integrations unless it has four axes.
     """
-    groups = cards.find("NGROUPS")
-    if cards.dialect.name == "JWST" and len(hdu.shape) == 4 and groups and hdu.planes == groups[0] > 1:
-        found = f"the planes are the {hdu.planes} groups of one ramp (NGROUPS), not frames"
-        odd.append(f"{found}: give the file of its slope (_rate)")
+    counts = [key for key in ("NGROUPS", *READS) if (cards.find(key) or (0,))[0] == hdu.planes > 1]
+    if counts and (cards.dialect.name != "JWST" or len(hdu.shape) == 4):
+        found = f"the planes may be the {hdu.planes} reads of one ramp ({counts[0]}), and not frames"
+        odd.append(f"{found}: give the file of its slope (JWST: _rate)")
     for axis, side in enumerate(reversed(hdu.shape), 1):
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):

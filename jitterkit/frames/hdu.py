@@ -32,7 +32,7 @@ _WHOLE = re.compile(r"[+-]?\d{1,25}")
 
 _ROLES: Mapping[str, tuple[str, ...]] = {
     "quality": ("DQ", "MASK", "FLAGS", "FLAG", "FLG", "DQMASK", "BPM", "BADPIX", "BAD_PIXEL_MASK", "QUALITY",
-        "QUAL"),
+        "QUAL", "MSK"),
     "shot": ("VAR_POISSON",),
     "read": ("VAR_RNOISE",),
     "variance": ("VARIANCE", "VAR", "STAT"),
@@ -41,7 +41,7 @@ _ROLES: Mapping[str, tuple[str, ...]] = {
     "none": (
         "CTX", "CON", "AREA", "SAMP", "TIME", "WAVELENGTH", "PSFIMAGE", "BKG", "BACKGROUND", "VAR_FLAT",
         "PSF", "SKY", "BIAS", "DARK", "FLAT", "MODEL", "RESIDUAL", "SEGM", "THUMBNAIL", "PREVIEW",
-        "WCSDVARR", "D2IMARR",
+        "WCSDVARR", "D2IMARR", "APERTURE",
     ),
 }  # fmt: skip
 """EXTNAME of what is said about the pixels of an image: quality bits, variance, its root, its inverse; and of
@@ -59,7 +59,7 @@ _PACKED = "COMPRESSED_IMAGE"
 """EXTNAME that programs give a tile-compressed image without a name."""
 
 _DESCRIBES = re.compile(
-    r"MASK|BAD|GOOD|VALID|QUAL|FLA?G|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|WH?T|WEIGHT|CONF|COV|EXP"
+    r"MA?SK|BAD|GOOD|VALID|QUAL|FLA?G|HOT|COSMIC|DQ|ERR|UNC|SIG|RMS|NOISE|STD|VAR|W[HG]?T|WEIGHT|CONF|COV|EXP"
 )
 """In names that are none of these, and may be of something that is said about pixels too."""
 

@@ -28,6 +28,9 @@ _NOISE = (("shot", "read"), ("variance",), ("sigma",), ("weight",))
 _SCALES = {"CD1_1", "PC1_1", "CDELT1"}
 """Columns of a table that has a WCS for each plane of a cube."""
 
+_FRAMES_TOO = ("BIAS", "DARK", "FLAT", "SKY", "PSF")
+"""EXTNAME of images that are read without a word where a file has no other."""
+
 _SCIENCE = re.compile(r"SCI(ENCE)?")
 """EXTNAME of images that come before any other of a file."""
 
@@ -86,7 +89,8 @@ class Group:
             return f"{other.label} is {other.constant:g} in all pixels, without an array, and is not used"
         if (other.number == self.image.number and not other.given) or not alike or other.role == "none":
             return ""
-        if other.may_describe or (other.role and not self._is_of(other)):
+        counts = not other.role and other.bitpix > 0 > self.image.bitpix  # integers beside floats are flags
+        if other.may_describe or counts or (other.role and not self._is_of(other)):
             return f"{other.label} may describe the pixels and is not used, as its name does not say how"
         if used not in (None, other) and (other.role == "quality" or other.detector):
             return f"{other.label} is not used beside {used.label}"
@@ -148,7 +152,8 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     chips = [one for one in science if one is first or first.is_of_one_camera(one)]
     groups = [Group(image) for image in ([first] if hdu is not None else chips)]
     described = first.role or role_of_label(first.name)
-    if hdu is None and described not in ("", "image", "none"):
+    other = first.role == "none" and first.name not in _FRAMES_TOO
+    if hdu is None and (other or described not in ("", "image", "none")):
         groups[0].warnings.append(f"{first.label} is read as an image; its name says that it describes one")
     for group in groups if first.role == "" else []:
         group.add(_beside(group.image, chips, science, hdus))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
 from typing import Any
 
 from jitterkit.errors import ConfigurationError, ErrorCode
@@ -85,7 +86,12 @@ class Sourced:
 def checked(name: str, value: Any) -> Any:
     """Return the value as the named field holds it, or raise ConfigurationError with a sentence."""
     if name == "time":
-        return str(value)
+        try:
+            when = datetime.fromisoformat(str(value))
+        except ValueError:
+            message = f"time = {str(value)!r} is no date; give it as 2026-11-21T03:00:00 in UTC."
+            raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message) from None
+        return when.astimezone(UTC).replace(tzinfo=None).isoformat() if when.tzinfo else str(value)
     if name == "unit":
         unit = resolve_unit(str(value))
         if unit is None:

@@ -99,6 +99,17 @@ def orientation_of(page: Any) -> int:
     return page.tags.valueof("Orientation", 1)
 
 
+_NO_DATA = 42113
+
+
+def no_data(page: Any) -> float | None:
+    """Return the number that stands for a pixel without a value (GDAL_NODATA), None where there is none."""
+    try:
+        return float(np.dtype(page.dtype).type(float(page.tags.valueof(_NO_DATA, ""))))
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
 CURVES = {
     291: "GrayResponseCurve", 301: "TransferFunction", 34675: "an ICC profile", 50712: "LinearizationTable",
     50714: "BlackLevel",

@@ -38,8 +38,13 @@ _NO_REDUCER = ("", "0", "0.0", "1", "1.0", "1.00", "None", "NONE", "none", "Fals
 _NATIVE = re.compile(r"\bnative\b|\b1 ?x ?1\b|\bbefore binning\b", re.I)
 """Comment of the scale of pixels that are not binned."""
 
-_BINNINGS = ("XBINNING", "CCDXBIN", "XBIN", "BINX", "CCDSUM", "BINNING", "ESO DET WIN1 BINX")
-"""Keywords of the binning along x; that along y has a Y for the X, or follows in the same text."""
+_BINNINGS = {
+    "XBINNING": "YBINNING", "CCDXBIN": "CCDYBIN", "XBIN": "YBIN", "BINX": "BINY", "CCDSUM": "CCDSUM",
+    "BINNING": "BINNING", "ESO DET WIN1 BINX": "ESO DET WIN1 BINY", "CCDBIN1": "CCDBIN2",
+    "BIN-FCT1": "BIN-FCT2", "DETXBIN": "DETYBIN", "HBIN": "VBIN", "BIN1": "BIN2",
+}  # fmt: skip
+"""Keywords of the binning along x and y, which may stand in one text: SBFITSEXT, IRAF, ESO; CFHT, Subaru,
+NOT, Andor, AudeLA."""
 
 
 def resolve_scale(cards: Cards, wcs: Any) -> Sourced | None:
@@ -196,11 +201,11 @@ def _pixel_sides(cards: Cards, keys: tuple[str, str]) -> tuple[float, float] | N
 def _binning(cards: Cards) -> tuple[int, int]:
     """Pixels of the detector along x and y in one of the image; 1 where no keyword says it."""
     first: tuple[str, tuple[int, int]] | None = None
-    for key in _BINNINGS:
+    for key, key_y in _BINNINGS.items():
         text = cards.text(key)
         found = re.fullmatch(r"0*([1-9]\d{0,2})(?:\.0*)?(?:\s*[xX ,:]\s*0*([1-9]\d{0,2}))?", text)
         if found:
-            along_y = re.fullmatch(r"([1-9]\d{0,2})(\.0*)?", cards.text(re.sub("X(?!.*X)", "Y", key)))
+            along_y = re.fullmatch(r"([1-9]\d{0,2})(\.0*)?", cards.text(key_y))
             binning = int(found[1]), int(found[2] or (along_y and along_y[1]) or found[1])
             first = first or (key, binning)
             if binning[0] != first[1][0]:

@@ -77,6 +77,7 @@ class TiffFile(FrameFile):
                 self.shape = (ny, nx) if pages.orientation_of(page) < 5 else (nx, ny)
                 self.dtype = np.dtype(page.dtype).newbyteorder("=")
                 sidecars = read_sidecars(path).reordered(ROW_ORDERS.get(pages.orientation_of(page), 0))
+                self._no_data = pages.no_data(page)
                 self._line, unclear = pages.calibration_line(self._tiff.imagej_metadata or {})
                 odd = (*unclear, *pages.curve_warnings(page), *self._size_warnings(), *self._label_warnings())
                 self.metadata = _own_metadata(self._tiff, page, sidecars).warn(*odd)
@@ -122,6 +123,8 @@ class TiffFile(FrameFile):
                 stored = plane.reshape(ny, nx)
         upright = pages.ORIENTATIONS[pages.orientation_of(page)](stored)
         data = np.ascontiguousarray(upright, dtype=np.float64)
+        if self._no_data is not None:
+            data[data == self._no_data] = np.nan
         talk += scaled_up(data, self.metadata)
         if self._line is not None:
             data = self._line[0] + self._line[1] * data

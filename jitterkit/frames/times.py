@@ -15,7 +15,7 @@ from typing import Any
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Sourced
 
-TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UT", "UTSTART", "UTSHUT", "UTC", "UT-STR")
+TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UTSTART", "UT-STR", "UT", "UTSHUT", "UTC")
 _END_KEYS = ("TIME-END", "UTC-END", "UT-END", "UTEND", "UTSTOP")
 MJD_EPOCH = datetime(1858, 11, 17)
 
@@ -47,6 +47,9 @@ _HEADER_FIRST = timedelta(seconds=1)
 _CONTRADICTION = timedelta(hours=1)
 """Difference of a time in UTC and a local one, at least."""
 
+_CLOCKS = timedelta(seconds=2)
+"""Difference of one time in two keywords, at most; TAI is 10 s or more ahead of UTC."""
+
 _FIRST_DETECTOR = 1970
 """Before, there were plates; the standard of two digits for the year means years from 1900 on."""
 
@@ -62,7 +65,10 @@ _BEGIN = re.compile(r"\b(start|begin\w*|open\w*|beginning)\b", re.I)
 """Comments of a time that is not, or is, the beginning of the exposure."""
 
 _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB": "tcb", "TCG": "tcg"}
-"""Time scales of ``TIMESYS`` that are converted to UTC."""
+"""Time scales, of ``TIMESYS`` or else of a comment, that are converted to UTC."""
+
+_SCALE_NAME = re.compile(rf"\b({'|'.join(_SCALES)})\b")
+_UTC_NAME = re.compile(r"\b(UTC?|GMT)\b")
 
 
 def resolve_time(cards: Cards) -> Sourced | None:
@@ -182,7 +188,12 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
     if offset is not None and offset.value:
         cards.warn(f"{offset.said} is not added to the time")
     system = cards.text("TIMESYS").upper().partition("(")[0].strip()
-    if system in _SCALES and isinstance(when, datetime):
+    named = None if system or _UTC_NAME.search(comment) else _SCALE_NAME.search(comment)
+    system = named[0] if named else system
+    clock = _universal(cards, key, when) if system in _SCALES and isinstance(when, datetime) else ""
+    if clock:
+        cards.warn(f"TIMESYS = {system!r}, and {clock} says that {key} is in UTC: it is not converted")
+    elif system in _SCALES and isinstance(when, datetime):
         from astropy.time import Time  # 0.2 s, and few headers need it
 
         when = Time(when, scale=_SCALES[system]).utc.to_datetime(leap_second_strict="silent")
@@ -191,6 +202,19 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
         cards.warn(f"TIMESYS = {system!r} is not UTC; the time is left as written")
     text = when.isoformat(timespec=precision) if isinstance(when, datetime) else when.isoformat()
     return Sourced(text, "UTC", source)
+
+
+def _universal(cards: Cards, key: str, when: datetime) -> str:
+    """Return what says that a time is UTC already: its own comment, or a clock of UTC that agrees."""
+    if _UTC_NAME.search((cards.find(key) or ("", ""))[1]):
+        return "its comment"
+    for other in TIME_KEYS:
+        text, comment, _ = cards.find(other) or ("", "", "")
+        at = _parse(f"{when.date().isoformat()}T{text}")
+        universal = other.startswith("UT") or _UTC_NAME.search(comment)
+        if universal and isinstance(at, datetime) and abs(at - when) < _CLOCKS:
+            return other
+    return ""
 
 
 def _parse(text: str) -> Any:

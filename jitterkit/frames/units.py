@@ -18,16 +18,20 @@ RATES = ("adu/s", "electron/s")
 UNITS: Mapping[str, str] = {
     **dict.fromkeys(
         ("adu", "adus", "adu1", "rawadu", "count", "counts", "ct", "cts", "cnt", "cnts", "dn", "dns", "du",
-         "dataunit", "dataunits", "datavalue", "datanumber", "digitalnumber", "lsb"), "adu"
+         "dataunit", "dataunits", "datavalue", "datanumber", "datanumbers",
+         "digitalnumber", "digitalnumbers", "lsb"), "adu"
     ),
     **dict.fromkeys(
-        ("electron", "electrons", "e", "e-", "el", "elec", "photoelectron", "photoelectrons",
+        ("electron", "electrons", "e", "e-", "e^-", "el", "elec", "photoelectron", "photoelectrons",
          "photo-electron", "photo-electrons", "electron1"), "electron"
     ),
     "cps": "adu/s",
 }  # fmt: skip
 
-_PER_PIXEL = re.compile(r"(/|per)pix(el)?s?")
+_PER_PIXEL = re.compile(r"(/|per)\s*pix(el)?s?(?![a-z])|[ .*]pix(el)?s?(\*\*|\^)?\(?-1\)?", re.I)
+_PER_BOTH = re.compile(r"/ ?\((?:pix(?:el)?s?[ .*]+)?(s|sec|seconds?)(?:[ .*]+pix(?:el)?s?)?\)", re.I)
+"""Per pixel and second in brackets, as astropy writes: "electron / (pix s)"."""
+
 _PER_SECOND = re.compile(r"(?P<counts>.+?)((/|per)(s|secs?|seconds?)|[.*]?(s|sec|second)(\*\*|\^)?\(?-1\)?)")
 
 
@@ -44,11 +48,12 @@ def resolve_unit(text: str) -> str | None:
     unit : {"adu", "electron", "adu/s", "electron/s"} or None
         None where the text says none of them; an empty text is ``"adu"``.
     """
+    text = _PER_PIXEL.sub("", _PER_BOTH.sub(r"/\1", text))
     twice = re.fullmatch(r"([^([]+)[([](.+)[])]", text.strip())  # "Counts (ADU)"
     if twice:
         unit = resolve_unit(twice[1])
         return unit if unit == resolve_unit(twice[2]) else None
-    word = _PER_PIXEL.sub("", "".join(text.split()).lower().strip("[]()").replace("^1", "1"))
+    word = "".join(text.split()).lower().strip("[]()").replace("^1", "1").replace("e^-/", "e-/")
     if not word:
         return "adu"
     rate = _PER_SECOND.fullmatch(word)
@@ -176,7 +181,8 @@ _OTHER_NUMBERS = {
     r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b|\bmag(nitude)?s?\b",
     "gain": r"\bper \d|/ ?\(\d|\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
     r"|\brelative\b"
-    r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b",
+    r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b"
+    r"|\bcode\b|\bwavelength|\bvariable filter\b",
 }
 """The same for one quantity."""
 

@@ -60,6 +60,7 @@ def flc(tmp_path, **cards):
         hdu("ERR", second[1], 2, **unit),
         hdu("DQ", second[2], 2),
         TELESCOP="HST",
+        INSTRUME="WFC3",
         EXPTIME=10.0,
         **cards,
     )

@@ -144,7 +144,7 @@ NUMBERS = [
     ({"EXPTIME": 2.0, "EXPOSURE": 2000}, "exposure", 2.0, "EXPOSURE = 2000"),
     ({"EXPTIME": 30, "XPOSURE": 300}, "exposure", 30.0, "XPOSURE = 300"),
     ({"EXPTIME": 30, "EXPOSURE": "00006"}, "exposure", 30.0, ""),
-    ({"EXPTIME": 0, "EXPOSURE": 0}, "exposure", 0.0, ""),
+    ({"EXPTIME": 0, "EXPOSURE": 0}, "exposure", 0.0, "if there was light"),
     ({"EXPTIME": 10, "COADDS": 5}, "exposure", 10.0, "COADDS = 5"),
     ({"EXPTIME": 10, "HIERARCH ESO DET NDIT": 12}, "exposure", 10.0, "NDIT = 12"),
     ({"EXPTIME": 10, "NCOMBINE": 4}, "exposure", 10.0, "NCOMBINE = 4"),
