@@ -35,7 +35,13 @@ _INVERSE_POWER = re.compile(r"[ .*](adus?|dn|counts?|electrons?|e-?) ?(?:\*\*|\^
 _WRAPPED = re.compile(r"[(\[](e-?|adu|dn)[)\]](?= ?/)|(?<=/)[(\[](e-?|adu|dn)[)\]]", re.I)
 """A unit in brackets of its own: "(e-)/ADU"."""
 
-_SETTING = re.compile(r"\banalog(ue)?\b|\bdigital gain|\bratio\b|\bsetting|\bpre-?amp|\biso\b|\bmode\b", re.I)
+_SETTING = re.compile(
+    r"\banalog(ue)?\b|\bdigital gain|\bratio\b|\bsetting|\bpre-?amp"
+    r"|\b(iso|mode|code|level|step|register|switch|PGA|high|low|user|multiplier|(sensor|camera) gain)\b"
+    r"|%|\bx\d|\dx\b",
+    re.I,
+)
+"""What a gain is where its comment does not say that it is in e-/ADU."""
 _SOME_UNIT = re.compile(rf"\[[^]]*\w[^]]*\]|\b{_ADU}\s*(/|per\b)|(/|\bper)\s*{_ADU}", re.I)
 
 

@@ -168,21 +168,21 @@ _PIXELS_ALONE = re.compile(r"(^\W*|\bin )(pixels?|pix|px|frames?|rows?|lines?|co
 """A comment of an exposure or a level that names what it is not counted in."""
 
 _OTHER_NUMBERS = {
-    "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|^\W*1/s\b|\bfraction\b"
-    r"|\b1/\d+(?= ?s(ec\w*)?\b)|\bEV\b|\bexposure value\b|\bcompensation\b",
+    "exposure": r"\b(hh|mm|min)[.:](mm|ss)\b|\breciprocal\b|\b[kM]?Hz\b|\bfps\b|\bframes? ?(/|per) ?s"
+    r"|^\W*1/s\b|\bfraction\b|\b1/\d+(?= ?s(ec\w*)?\b)|\bEV\b|\bexposure value\b|\bcompensation\b",
     "line_time": r"\b(lines?|rows?) ?(/|per\b)|\b[kM]?Hz\b|\b(rate|frequency)\b|\bfraction\b",
     "va_factor": r"\binverse\b|\b1/",
     "read_noise": r"\bvariance|\bsquared|\bfwhm\b|\bp-p\b|\bpeak\b|\^2|\*2",
     "focal_length": r"\b35 ?mm\b|\bequivalent\b|\bwithout (the |a )?(focal )?(reducer|barlow|extender)\b",
     "plate_scale": r"\bfield of view\b|\bFOV\b|\barea\b|\bzoom\b|\bfactor\b"
-    r"|\bunbinned\b|\bpix\w*\s?(/|per\b)|\bper \d|\^2|\*2"
+    r"|\bunbinned\b|\bp(x|ix\w*)\s?(/|per\b)|\bper \d|\^2|\*2"
     r"|(?<![\w.])(?!(as|mas|uas|deg|rad)/)[a-z]{1,3}/p(ix|x|ixel)s?\b|(^\W*|\bin )lambda\b",
     "saturation": r"\bbit depth\b|^\W*(number of )?bits?\b"
     r"|\babove (the )?bias|\bfraction\b|\bnormali[sz]ed\b|\bmag(nitude)?s?\b",
-    "gain": r"\bper \d|/ ?\(\d|\binverse\b|\b1/gain\b|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b"
-    r"|\brelative\b"
+    "gain": r"\bper \d|/ ?\(\d|\binverse\b(?! gain,? [([]?e)|\b1/gain\b"
+    r"|(?<!not )(?<!yet )(?<!be )\b(applied|multiplied)\b|\brelative\b"
     r"|\bnormali[sz]ed\b|\bmultiplication\b|\bmultiplying\b|\bEM[- ]?(CCD )?gain\b"
-    r"|\bcode\b|\bwavelength|\bvariable filter\b",
+    r"|\bwavelength|\bvariable filter\b",
 }
 """The same for one quantity."""
 

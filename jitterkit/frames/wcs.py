@@ -34,6 +34,10 @@ _PV2, _TAN = re.compile(r"PV2_\d+ *="), re.compile(r"(CTYPE[12] *= *'(?:RA|DEC|G
 _BARE = re.compile(r"(CTYPE[12] *= *')(RA|DEC|[GE]L(?:ON|AT)) *'")
 """Axes of the sky without a projection."""
 
+_HARMLESS = re.compile(r"made the change 'Success'|RADECSYS keyword is deprecated")
+"""What astropy says of a WCS that it reads as it was meant: of every cube with a CD matrix, and of headers
+before FITS 3.0."""
+
 _CONTRADICTION = 1.0
 """Degrees by which CROTA2 may differ from a matrix."""
 
@@ -104,7 +108,7 @@ def _made(cards: str, tables: Any = None) -> tuple[WCS | None, tuple[str, ...]]:
     with overheard(log) as said, collected() as caught:  # astropy prints warnings of distortions
         whole = WCS(_NO_PATH + scamp, tables)
         celestial, problems = usable_part(whole)
-    said += map(one_line, caught)
+    said += (text for text in map(one_line, caught) if not _HARMLESS.search(text))
     if celestial is None:
         return None, problems
     if _CD.search(cards) and _PC.search(cards):

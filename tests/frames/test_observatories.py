@@ -29,7 +29,13 @@ NUMBERS = [
     # a gain that is none, and one before multiplication
     *[({"CVF": (2.12, comment)}, "gain", None, "CVF") for comment in (
         "wavelength in micron", "circular variable filter position")],
-    ({"GAIN": (1, "gain code"), "OBSERVAT": "KECK"}, "gain", None, "code"),
+    *[({"GAIN": (1, comment), "OBSERVAT": "KECK"}, "gain", None, "is a camera setting") for comment in (
+        "gain code", "gain level", "gain step", "0=low 1=high", "switch position", "gain register", "x1",
+        "PGA gain", "Sensor gain", "set by user", "Gain (%)")],
+    *[({"GAIN": (2.0, comment), "OBSERVAT": "KECK"}, "gain", 2.0, "") for comment in (
+        "Inverse gain (e-/DN)", "inverse gain e-/ADU", "e-/ADU, high gain")],
+    ({"EXPTIME": (30.0, "frames per second")}, "exposure", None, "frames per s"),
+    ({"PIXSCALE": (2.5, "px/arcsec")}, "plate_scale", None, "px/"),
     *[({"EGAIN": 4.9, key: 100}, "gain", 4.9, key) for key in ("EMGAIN", "EMREALGN", "GAINEM", "EMGAIN_C")],
     ({"EGAIN": 4.9, "EMGAIN": 1}, "gain", 4.9, ""),
     ({"TELESCOP": "HST", "INSTRUME": "NICMOS", "ADCGAIN": (5.4, "gain (electrons/DN)")}, "gain", 5.4, ""),
@@ -190,3 +196,19 @@ def test_a_time_beside_a_tiff_that_is_none_is_refused(tmp_path):
     (tmp_path / "a.toml").write_text('time = "yesterday"\n')
     with refused(ErrorCode.OUT_OF_RANGE, "yesterday", error=ConfigurationError):
         list(read_frames(tmp_path / "a.tif"))
+
+
+SKY = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRPIX1": 4.0, "CRPIX2": 3.0, "CRVAL1": 10.0,
+       "CRVAL2": 20.0, "CD1_1": -1e-4, "CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": 1e-4}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("planes", "cards"),
+    [(2, {"CTYPE3": "TIME", "CRVAL3": 0.0, "CDELT3": 1.0}), (1, {"RADECSYS": "FK5", "EQUINOX": 2000.0})],
+)
+def test_coordinates_that_are_read_as_meant_are_not_warned_of(tmp_path, planes, cards):
+    data = SCI if planes == 1 else np.stack([SCI] * planes)
+    fits.writeto(tmp_path / "a.fits", data, fits.Header({**SKY, **cards}))
+    frame = next(iter(read_frames(tmp_path / "a.fits")))
+    assert frame.metadata.value("plate_scale") == pytest.approx(0.36, rel=1e-6)
+    assert_warned(frame.metadata.warnings, "")
