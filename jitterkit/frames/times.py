@@ -1,8 +1,8 @@
 """The time of an exposure, from the many ways headers write it.
 
 :func:`resolve_time` returns ISO 8601 in UTC.  The start of the exposure is preferred: DATE-BEG, DATE-OBS
-(with TIME-OBS or UT where the date stands alone), MJD-BEG, MJD-OBS; then the middle: DATE-AVG, MJD-AVG; then
-MJD and JD.
+or DATE_OBS (with TIME-OBS or UT where the date stands alone), MJD-BEG, MJD-OBS; then the middle: DATE-AVG,
+MJD-AVG; then MJD and JD.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from typing import Any
 from jitterkit.frames.cards import Cards
 from jitterkit.frames.metadata import Sourced
 
-TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UTSTART", "UT-STR", "UT", "UTSHUT", "UTC")
+TIME_KEYS = ("TIME-OBS", "UTC-OBS", "UTSTART", "UT-STR", "UT-TIME", "UT", "UTSHUT", "UTC", "TIME_OBS")
+_DATE_KEYS = (
+    "DATE-BEG", "DATE-OBS", "DATE_OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG", "MJD", "JD",
+)  # fmt: skip
 _END_KEYS = ("TIME-END", "UTC-END", "UT-END", "UTEND", "UTSTOP")
 MJD_EPOCH = datetime(1858, 11, 17)
 
@@ -86,7 +89,7 @@ def resolve_time(cards: Cards) -> Sourced | None:
         and than the exposure from it adds a warning.
     """
     day = None
-    for key in ("DATE-BEG", "DATE-OBS", "MJD-BEG", "MJD-OBS", "DATE-AVG", "MJD-AVG", "MJD", "JD"):
+    for key in _DATE_KEYS:
         known = _stated(cards, key)
         if known is not None and "T" in known.value and (day is None or known.value[:10] == day.value[:10]):
             break
@@ -179,6 +182,8 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
             cards.warn(f"{number.said} is not a date and is ignored")
             return None
         when = MJD_EPOCH + timedelta(days=days)
+        if isinstance(value, int) and key != "JD":  # a day that is counted, without its time
+            when, source = _with_time(cards, when.date(), source)
     if _LOCAL.search(comment) and not _IN_UTC.search(comment):
         cards.warn(f"{key} is local time by its comment {comment!r}; it is left as written")
     if (late := _LATE.search(comment)) and not _BEGIN.search(comment) and not key.endswith("AVG"):

@@ -86,9 +86,15 @@ def test_what_is_counted_in_a_pixel_is_read_as_astropy_writes_it(text, unit):
         ({"DATE-OBS": DAY, "TIMESYS": "TAI", "TIME-OBS": ("00:00:37", "(UTC)")}, DAY, "TIME-OBS"),
         ({"DATE-OBS": ("2020-01-01", "(UTC)"), "TIMESYS": "TAI", "UTC-OBS": "00:00:37"}, DAY, "comment"),
         ({"DATE-OBS": "2020-01-01", "UT": "00:02:07", "UT-STR": "00:00:37"}, DAY, ""),
+        ({"DATE-OBS": "2020-01-01", "UT-TIME": "00:00:37"}, DAY, ""),  # Magellan
+        # SolarSoft, whose MJD is a whole number with the time of day in another keyword
+        ({"DATE-OBS": "01-JAN-20", "DATE_OBS": DAY}, DAY, "01-JAN-20"),
+        ({"MJD": 58849, "TIME": 37000, "DATE_OBS": DAY}, DAY, ""),
+        ({"MJD": 58849, "TIME_OBS": "00:00:37"}, f"{DAY}.000", ""),
+        ({"MJD": 58849, "TIME": 37000}, "2020-01-01", ""),
     ],
 )
-def test_a_time_is_converted_to_utc_unless_it_is_that(cards, time, named):
+def test_a_time_is_that_of_the_day_in_utc(cards, time, named):
     metadata = resolve_header(header(cards))
     assert metadata.value("time") == time
     assert_warned(metadata.warnings, named)
