@@ -238,8 +238,9 @@ class Hdu:
         reads = {one.words("SAMPNUM") for one in (self, other)} - {""}
         alike = alike and len(reads) < 2
         chips = any(key in self.header and key in other.header for key in _CHIP_KEYS)
-        lettered = all(len(one.detector) == 1 and len(one.detector[0]) == 1 for one in (self, other))
-        lettered = lettered and self.detector != other.detector  # SCI_A and SCI_B
+        pairs = list(zip(self.detector, other.detector, strict=False))  # SCI_A and SCI_B, 1-1.E and 1-2.F
+        lettered = self.detector != other.detector and len(self.detector) == len(other.detector)
+        lettered = lettered and all(a == b or _are_numbers(a, b) for a, b in pairs)
         return bool(self.name and other.name) and (alike or chips or lettered)
 
     @property
@@ -274,6 +275,11 @@ class Hdu:
         elif self.given:
             where = f"{where} of {self.path.name}"
         return f"{name} ({where})"
+
+
+def _are_numbers(one: str, other: str) -> bool:
+    """Return whether two words may tell detectors apart: two numbers, or two single letters."""
+    return (one + other).isdigit() or ((one + other).isalpha() and len(one) == len(other) == 1)
 
 
 def product_of(sides: tuple[int, ...]) -> str:

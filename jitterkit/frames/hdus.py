@@ -62,7 +62,9 @@ class Group:
         """Take what fits from the image's own planes and from HDUs that may say something about it."""
         self.image, own, warnings = split_planes(self.image)
         self.warnings += warnings
-        others = [*own, *hdus]
+        whole, layers = self.image.shape, self.image.layers
+        shared = [replace(one, layers=layers) if layers and one.shape == whole else one for one in hdus]
+        others = [*own, *shared]
         fitting = {other.role: other for other in reversed([o for o in others if self._fits(o)])}
         noise = next((roles for roles in _NOISE if fitting.keys() >= set(roles)), ())
         self.parts = {role: fitting[role] for role in ("quality", *noise) if role in fitting}

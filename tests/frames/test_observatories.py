@@ -42,7 +42,7 @@ NUMBERS = [
     # several exposures, and numbers that are not read
     ({"EXPTIME": 26.8, "TOTALBCD": 49}, "exposure", 26.8, "TOTALBCD"),
     *[({key: 5.0, "EXPTIME": 2.0}, "exposure", 2.0, f"{key} = 5.0 is not read") for key in (
-        "SATURVAL", "DETRON", "EFFRON", "CCDREAD", "ESCALE", "PXSCAL1", "GS_SCALE")],
+        "SATURVAL", "DETRON", "EFFRON", "CCDREAD", "ESCALE", "KGAINPAR", "PXSCAL1", "GS_SCALE")],
     *[({f"HIERARCH {key}": 5.0}, "exposure", None, f"{key} = 5.0 is not read") for key in (
         "EXPTIMEMS", "EXPOSURE_MS")],
 ]  # fmt: skip
@@ -218,3 +218,21 @@ def test_coordinates_that_are_read_as_meant_are_not_warned_of(tmp_path, planes, 
     frame = next(iter(read_frames(tmp_path / "a.fits")))
     assert frame.metadata.value("plate_scale") == pytest.approx(0.36, rel=1e-6)
     assert_warned(frame.metadata.warnings, "")
+
+
+def test_the_quadrants_of_euclid_are_each_a_frame(tmp_path):
+    quadrants = [f"{row}-1.{letter}" for row in (1, 2) for letter in "EF"]
+    hdus = [
+        hdu for name in quadrants for hdu in (fits.ImageHDU(SCI, name=f"{name}.SCI"), flags(f"{name}.FLG", 1))
+    ]
+    fits.HDUList([fits.PrimaryHDU(), *hdus]).writeto(tmp_path / "a.fits")
+    assert [masked(frame) for frame in read_frames(tmp_path / "a.fits")] == [[0]] * 4
+
+
+def test_flags_of_all_planes_are_those_of_the_planes_that_are_images(tmp_path):
+    header = fits.Header({"CTYPE3": "STOKES", "CRVAL3": 1.0, "CDELT3": 1.0, "CRPIX3": 1.0})
+    image = fits.ImageHDU(np.stack([SCI, SCI]), header, name="SCI")
+    quality = fits.ImageHDU(np.stack([flags("", 0, 1).data, flags("", 1).data]), name="DQ")
+    fits.HDUList([fits.PrimaryHDU(), image, quality]).writeto(tmp_path / "a.fits")
+    (frame,) = read_frames(tmp_path / "a.fits")
+    assert masked(frame) == [1]
