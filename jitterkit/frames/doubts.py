@@ -198,9 +198,9 @@ _ALIKE: Mapping[str, re.Pattern[str]] = {
         r"|EXP|EXPOSE?D?|EXP_?DUR|DURATION|T_?EXP(TIME)?|TOT(AL)?_?EXP\w*|EXPOINUS|ONTIME|ELAPTIME"
         r"|(ESO DET (\w+ )?)?DIT\d?|(EXP|EXPTIME|EXPOSURE)_?(MS|US|SEC)|FPS|FRA?ME?_?RATE?",
         "gain": r"(CCD|SYS|CONV|AMP|INV|CAL|DET|EFF|E)?_?GAIN_?(EFF|[A-H]|\d{1,2})?|GTGAIN\d+|GAIN_E_ADU"
-        r"|ESO (QC )?DET \w+ (GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS|ESCALE|KGAINPAR",
+        r"|ESO (QC )?DET (\w+ ){1,2}(GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS|ESCALE|KGAINPAR",
         "read_noise": r"(RD|READ|R|DET|CCD)_?(NOI|NOISE?|NSE?)_?([A-H]|\d{1,2})?|GTRON\d+"
-        r"|(DET|EFF)?RON_?([A-H]|\d{1,2})?|ESO (QC )?DET \w+ RON|CCDREAD",
+        r"|(DET|EFF)?RON_?([A-H]|\d{1,2})?|ESO (QC )?DET (\w+ ){1,2}RON|CCDREAD",
         "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATUR(ATI|VAL)|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
         r"|FULLWELL|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
         "bias": r"(BIAS|BLACK|BLK|OVSCA?N?|OVERSCA?N?)_?(LE?VE?LL?|LEV|VAL(UE)?|MEAN|MED(IAN)?|AVG|ADU)?_?"

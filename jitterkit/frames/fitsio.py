@@ -60,7 +60,8 @@ class PlainHeader(Mapping[str, Any]):
         self.images = [text[at : at + CARD] for at in range(0, len(text), CARD)]
         self._cards: dict[str, list[Any]] = {}
         for card in fits.Header.fromstring(text).cards:
-            self._cards.setdefault(card.keyword, []).append(card)
+            if card.keyword:  # a blank one is a remark, and may stand many times too
+                self._cards.setdefault(card.keyword, []).append(card)
         self.names = list(self._cards)
         self._values: dict[str, Any] = {}
         self.comments: dict[str, str] = {}

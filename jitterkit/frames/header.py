@@ -28,7 +28,7 @@ from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
 
-_ADU = r"(?:adus?|dn|counts?|cn?ts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
+_ADU = r"(?:adus?|dn|d\.n|counts?|cn?ts?|lsb|a/d(?: units?)?|data ?numbers?)\b"
 ELECTRONS_PER_ADU = re.compile(rf"(?:\be-?|\bel(?:ec)?|electrons?|photons?)\s*(?:/|per\b)\s*{_ADU}", re.I)
 ADU_PER_ELECTRON = re.compile(rf"\b{_ADU}\s*(?:/|per\b)\s*(?:e\b|e-|el(?:ec)?\b|(?:photo-?)?electron)", re.I)
 _INVERSE_POWER = re.compile(r"[ .*](adus?|dn|counts?|electrons?|e-?) ?(?:\*\*|\^)?\(?-1\b\)?", re.I)

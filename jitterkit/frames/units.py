@@ -17,8 +17,8 @@ RATES = ("adu/s", "electron/s")
 #: Spellings of the unit of a pixel value, in lower case, without blanks and "per pixel".
 UNITS: Mapping[str, str] = {
     **dict.fromkeys(
-        ("adu", "adus", "adu1", "rawadu", "count", "counts", "ct", "cts", "cnt", "cnts", "dn", "dns", "du",
-         "dataunit", "dataunits", "datavalue", "datanumber", "datanumbers",
+        ("adu", "adus", "adu1", "rawadu", "count", "counts", "ct", "cts", "cnt", "cnts", "dn", "dns",
+         "d.n.", "du", "dataunit", "dataunits", "datavalue", "datanumber", "datanumbers",
          "digitalnumber", "digitalnumbers", "lsb"), "adu"
     ),
     **dict.fromkeys(

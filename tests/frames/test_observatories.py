@@ -43,6 +43,9 @@ NUMBERS = [
     ({"EXPTIME": 26.8, "TOTALBCD": 49}, "exposure", 26.8, "TOTALBCD"),
     *[({key: 5.0, "EXPTIME": 2.0}, "exposure", 2.0, f"{key} = 5.0 is not read") for key in (
         "SATURVAL", "DETRON", "EFFRON", "CCDREAD", "ESCALE", "KGAINPAR", "PXSCAL1", "GS_SCALE")],
+    *[({f"HIERARCH ESO DET CHIP1 OUT1 {key}": 1.2}, name, None, f"OUT1 {key} = 1.2 is not read")
+      for key, name in (("CONAD", "gain"), ("RON", "read_noise"))],
+    ({"GAIN": (1.7, "[e-/D.N.] Gain of detector.")}, "gain", 1.7, ""),
     *[({f"HIERARCH {key}": 5.0}, "exposure", None, f"{key} = 5.0 is not read") for key in (
         "EXPTIMEMS", "EXPOSURE_MS")],
 ]  # fmt: skip
@@ -236,3 +239,9 @@ def test_flags_of_all_planes_are_those_of_the_planes_that_are_images(tmp_path):
     fits.HDUList([fits.PrimaryHDU(), image, quality]).writeto(tmp_path / "a.fits")
     (frame,) = read_frames(tmp_path / "a.fits")
     assert masked(frame) == [1]
+
+
+def test_cards_without_a_keyword_are_remarks(tmp_path):
+    header = fits.Header([("", "of the detector"), ("EXPTIME", 2.0), ("", "of the telescope")])
+    fits.writeto(tmp_path / "a.fits", np.stack([SCI, SCI]), header)
+    assert_warned(next(iter(read_frames(tmp_path / "a.fits"))).metadata.warnings, "")
