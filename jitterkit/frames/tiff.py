@@ -38,7 +38,7 @@ _MOST_NAMED = 99
 
 
 class TiffFile(FrameFile):
-    """The frames of a TIFF: its full-size pages, or the planes behind a single ImageJ page.
+    """The frames of a TIFF: its full-size pages, or the planes behind a single page of ImageJ or MetaMorph.
 
     Parameters
     ----------
@@ -148,9 +148,10 @@ def _decode(path: Path, page: Any) -> np.ndarray:
 
 
 def _planes_behind(path: Path, tiff: tifffile.TiffFile, page: Any) -> int | None:
-    """Count the planes that lie contiguously behind a single page, as ImageJ writes large stacks."""
-    # only these two write so; asking OME for its series would open the other files of a set
-    series = tiff.series[0] if (tiff.is_imagej or tiff.is_shaped) and tiff.series else None
+    """Count the planes that lie contiguously behind a single page, as ImageJ and MetaMorph write stacks."""
+    # only these write so; asking OME for its series would open the other files of a set
+    written = tiff.is_imagej or tiff.is_shaped or tiff.is_stk
+    series = tiff.series[0] if written and tiff.series else None
     plane = page.imagelength * page.imagewidth
     if series is None or series.size <= plane:
         return None

@@ -1,5 +1,7 @@
 """Headers and files of observatories: what their handbooks say, in the form of ``test_variants``."""
 
+import struct
+
 import numpy as np
 import pytest
 import tifffile
@@ -245,3 +247,18 @@ def test_cards_without_a_keyword_are_remarks(tmp_path):
     header = fits.Header([("", "of the detector"), ("EXPTIME", 2.0), ("", "of the telescope")])
     fits.writeto(tmp_path / "a.fits", np.stack([SCI, SCI]), header)
     assert_warned(next(iter(read_frames(tmp_path / "a.fits"))).metadata.warnings, "")
+
+
+def test_every_plane_of_a_stack_of_metamorph_is_a_frame(tmp_path):
+    planes = np.stack([SCI, SCI + 100]).astype("<u2")
+    size = [(256, 4, 1, 8), (257, 4, 1, 6), (258, 3, 1, 16), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, 8),
+            (277, 3, 1, 1), (278, 4, 1, 6), (279, 4, 1, 96)]  # fmt: skip
+    start = 8 + planes.nbytes
+    lists = start + 2 + 12 * 11 + 4  # UIC1 and UIC2, six numbers for each plane
+    entries = [*size, (33628, 4, 2, lists), (33629, 5, 2, lists + 8)]
+    directory = b"".join(struct.pack("<HHII", *entry) for entry in entries)
+    body = struct.pack("<H", 11) + directory + bytes(4 + 8 + 48)
+    (tmp_path / "a.tif").write_bytes(b"II*\0" + struct.pack("<I", start) + planes.tobytes() + body)
+    first, second = read_frames(tmp_path / "a.tif")
+    np.testing.assert_array_equal(second.data, planes[1, ::-1])
+    np.testing.assert_array_equal(first.data, planes[0, ::-1])
