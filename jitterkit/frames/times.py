@@ -72,6 +72,8 @@ _SCALES = {"TAI": "tai", "TT": "tt", "TDT": "tt", "ET": "tt", "TDB": "tdb", "TCB
 
 _SCALE_NAME = re.compile(rf"\b({'|'.join(_SCALES)})\b")
 _UTC_NAME = re.compile(r"\b(UTC?|GMT)\b")
+_ZONE = re.compile(r"T.*(Z|UTC?|GMT|[-+]\d\d:?\d\d)\s*$", re.I)
+"""A date and time that name their zone, from which they are converted."""
 
 
 def resolve_time(cards: Cards) -> Sourced | None:
@@ -193,6 +195,8 @@ def _stated(cards: Cards, key: str) -> Sourced | None:
     if offset is not None and offset.value:
         cards.warn(f"{offset.said} is not added to the time")
     system = cards.text("TIMESYS").upper().partition("(")[0].strip()
+    if _ZONE.search(str(value)):  # of TESS, whose TIMESYS is that of its other times
+        system = "UTC"
     named = None if system or _UTC_NAME.search(comment) else _SCALE_NAME.search(comment)
     system = named[0] if named else system
     clock = _universal(cards, key, when) if system in _SCALES and isinstance(when, datetime) else ""

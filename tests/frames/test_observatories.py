@@ -92,6 +92,8 @@ def test_what_is_counted_in_a_pixel_is_read_as_astropy_writes_it(text, unit):
         ({"DATE-OBS": ("2020-01-01", "(UTC)"), "TIMESYS": "TAI", "UTC-OBS": "00:00:37"}, DAY, "comment"),
         ({"DATE-OBS": "2020-01-01", "UT": "00:02:07", "UT-STR": "00:00:37"}, DAY, ""),
         ({"DATE-OBS": "2020-01-01", "UT-TIME": "00:00:37"}, DAY, ""),  # Magellan
+        ({"DATE-OBS": (f"{DAY}Z", "TSTART as UTC calendar date"), "TIMESYS": "TDB"}, DAY, ""),  # TESS
+        ({"DATE-OBS": "2020-01-01T02:00:37+02:00", "TIMESYS": "TAI"}, DAY, ""),
         # SolarSoft, whose MJD is a whole number with the time of day in another keyword
         ({"DATE-OBS": "01-JAN-20", "DATE_OBS": DAY}, DAY, "01-JAN-20"),
         ({"MJD": 58849, "TIME": 37000, "DATE_OBS": DAY}, DAY, ""),
