@@ -158,24 +158,27 @@ def _product(names: tuple[str, ...], i: int, j: int) -> str:
 def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.ndarray) -> OTF:
     """Return optics about a state whose first aberrations are changes of products of pairs of modes [nm²]."""
     otf, pairs = optics.otf(state), list(combinations_with_replacement(even, 2))
+    rows_of = otf.coarse or otf
     if isinstance(optics, AnchoredOptics):
         i, j = np.transpose(pairs)
-        rows = np.asarray(optics.anchor.curvature[i, j]) * np.where(i == j, 0.5, 1.0)[:, None, None, None]
+        halves = np.where(i == j, 0.5, 1.0)[:, None, None, None]
+        rows = np.asarray(optics.anchor.second.rows(i, j, rows_of.grid)) * halves
     else:
         products = np.stack(_products(optics, otf, state, pairs, _STEP / phase))
         rows = np.stack([products.real, products.imag], axis=1)
-    tints = otf.tints
+    tints, slopes = rows_of.tints, np.asarray(rows_of.slopes)
     if tints is not None:
         tints = jnp.asarray(np.insert(tints, np.ones(len(pairs), int), 0.0, axis=0))
-    return replace(
-        otf,
-        slopes=jnp.asarray(np.concatenate([rows.astype(otf.slopes.dtype), otf.slopes])),
-        state=jnp.asarray(np.concatenate([np.zeros(len(pairs)), otf.state])),
-        names=(*(_product(otf.names, i, j) for i, j in pairs), *otf.names),
-        tints=tints,
-        of_b=tuple(place + len(pairs) for place in otf.of_b),
-        coarse=None,
+    rows_of = replace(
+        rows_of, slopes=jnp.asarray(np.concatenate([rows.astype(slopes.dtype), slopes])), tints=tints
     )
+
+    def named(one: OTF) -> OTF:
+        state = jnp.asarray(np.concatenate([np.zeros(len(pairs), one.state.dtype), one.state]))
+        names = (*(_product(one.names, i, j) for i, j in pairs), *one.names)
+        return replace(one, state=state, names=names, of_b=tuple(place + len(pairs) for place in one.of_b))
+
+    return named(rows_of) if otf.coarse is None else replace(named(otf), coarse=named(rows_of))
 
 
 def _about_zero(otf: OTF, state: np.ndarray, even: list[int], modes: list[int]) -> OTF:
@@ -183,13 +186,14 @@ def _about_zero(otf: OTF, state: np.ndarray, even: list[int], modes: list[int]) 
 
     A step from the fit is right where they are real; from zero, it would be off by their fourth powers.
     """
-    pairs = list(combinations_with_replacement(even, 2))
-    slopes = np.array(otf.slopes)
+    pairs, rows_of = list(combinations_with_replacement(even, 2)), otf.coarse or otf
+    slopes = np.array(rows_of.slopes)
     for row, (i, j) in zip(slopes, pairs, strict=False):
         if i in modes and j in modes:
             slopes[len(pairs) + i] -= row * state[j]
             slopes[len(pairs) + j] -= row * state[i]
-    return replace(otf, slopes=jnp.asarray(slopes))
+    rows_of = replace(rows_of, slopes=jnp.asarray(slopes))
+    return rows_of if otf.coarse is None else replace(otf, coarse=rows_of)
 
 
 def _products(optics: Optics, otf: OTF, state: np.ndarray, pairs: list[tuple[int, int]], steps: np.ndarray):

@@ -204,4 +204,6 @@ def warm_start(optics: Optics, choice: SceneChoice, options: FitOptions) -> Warm
     reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
     if reference and (smaller := grid_for_derivatives(parameters, anchored.nominal)):
         coarse = single(anchor.within(smaller))
+        # second derivatives of the whole grid would take most of a run's memory and of its time
+        anchored = replace(anchored, anchor=replace(anchor, second=coarse.second))
     return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference, coarse=coarse)

@@ -211,10 +211,10 @@ def image_and_jacobian(parameters: Parameters, otf: OTF, free: tuple[int, ...]):
 
 def _aberration_slopes(parameters: Parameters, otf: OTF, optics, stars, rows: np.ndarray):
     """Derivatives of the light by chosen aberrations, ascending."""
-    common, beside = rows[rows < len(otf.slopes)], rows[rows >= len(otf.slopes)] - len(otf.names)
+    common, beside = rows[rows < otf.rows], rows[rows >= otf.rows] - len(otf.names)
     if not otf.names:
         return jnp.zeros((len(rows), *otf.value.shape))
-    every = len(common) == len(otf.slopes)
+    every = len(common) == otf.rows
     jacobian, chromatic = otf.jacobian, None if otf.chromatic is None else otf.chromatic[1:]
     if not every:  # what is chosen is copied
         jacobian, chromatic = jacobian[common], None if chromatic is None else chromatic[common]

@@ -16,6 +16,7 @@ the data need not be.
 from jitterkit.likelihood.data import Data
 from jitterkit.likelihood.equations import (
     NormalEquations,
+    WavefrontSlopes,
     deviance,
     deviance_and_score,
     equations_of,
@@ -33,6 +34,7 @@ __all__ = [
     "Data",
     "Misfit",
     "NormalEquations",
+    "WavefrontSlopes",
     "deviance",
     "deviance_and_score",
     "equations_of",

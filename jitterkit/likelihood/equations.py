@@ -89,7 +89,30 @@ def _pull_and_weight(image, data: Data):
     return mean, slope * residual, slope * share
 
 
-def deviance_and_score(parameters_at: Callable[[Array], Parameters], values, otf: OTF, data: Data):
+class WavefrontSlopes(NamedTuple):
+    """Hold the derivatives of an image by aberrations, which then enter the image to first order.
+
+    Attributes
+    ----------
+    places : (k,) int array
+        Of the aberrations among the values that vary.
+    state : (k,) array
+        Where the image is exact, nm.
+    slopes : (k, ny, nx) array
+    """
+
+    places: np.ndarray
+    state: Float[Array, " k"]
+    slopes: Float[Array, "k ny nx"]
+
+
+def deviance_and_score(
+    parameters_at: Callable[[Array], Parameters],
+    values,
+    otf: OTF,
+    data: Data,
+    wavefront: WavefrontSlopes | None = None,
+):
     """Deviance and exact score of a frame, for use within a compiled program.
 
     Parameters
@@ -99,6 +122,8 @@ def deviance_and_score(parameters_at: Callable[[Array], Parameters], values, otf
     values : (p,) array
     otf : OTF
     data : Data
+    wavefront : WavefrontSlopes, optional
+        In place of the slopes of the optics: a third of the work.
 
     Returns
     -------
@@ -106,22 +131,38 @@ def deviance_and_score(parameters_at: Callable[[Array], Parameters], values, otf
     score : (p,) array
         By one image and its adjoint, however many parameters there are: no derivative of an image is made.
     """
-    image, adjoint = jax.vjp(lambda v: expected_image(parameters_at(v), otf), values)
+
+    def image_at(v):
+        parameters = parameters_at(v)
+        if wavefront is None:
+            return expected_image(parameters, otf)
+        held, own = otf.modes_held, parameters.aberrations[otf.apart : otf.rows]
+        image = expected_image(eqx.tree_at(lambda p: p.aberrations, parameters, own), held)
+        change = v[wavefront.places] - wavefront.state
+        return image + jnp.tensordot(change, wavefront.slopes, 1)
+
+    image, adjoint = jax.vjp(image_at, values)
     mean, pull, _ = _pull_and_weight(image, data)
     cost, slope = jax.value_and_grad(lambda v: _known_cost(parameters_at(v), otf))(values)
     return _deviance(mean, data) + cost, adjoint(pull)[0] - slope / 2
 
 
 def information_at(parameters: Parameters, otf: OTF, data: Data, free: tuple[int, ...]):
-    """Expected Fisher information (p, p) from derivatives in 32 bits, for use within a compiled program.
+    """Expected Fisher information from derivatives in 32 bits, for use within a compiled program.
 
     They are summed in the precision of the parameters, so that it stays positive, and singular where the
     frame does not determine the parameters: to ``eps**2`` of 32 bits.
+
+    Returns
+    -------
+    information : (p, p) array
+    slopes : (p, ny, nx) array
+        The derivatives.
     """
     image, slopes = single_slopes(parameters, otf, free)
     _, _, weight = _pull_and_weight(image, single(data))
     rows = slopes.reshape(len(free), -1).astype(parameters.background.dtype)
-    return (rows * weight.ravel()) @ rows.T + known_information(parameters, otf, free)
+    return (rows * weight.ravel()) @ rows.T + known_information(parameters, otf, free), slopes
 
 
 @eqx.filter_jit

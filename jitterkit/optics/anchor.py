@@ -9,6 +9,7 @@ for, and is as exact.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,11 +19,11 @@ from jaxtyping import Array, Float
 
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import Colours
-from jitterkit.optics.expansion import centring, derivatives_at, shift_effects
+from jitterkit.optics.expansion import derivatives_at, shift_effects
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, Further, with_further
+from jitterkit.optics.otf import OTF, Further, resized, with_further
 from jitterkit.optics.system import OpticalSystem
-from jitterkit.precision import from_parts, to_parts
+from jitterkit.precision import from_parts, single, to_parts
 
 _THIRD_ORDER = 1.5
 """What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5
@@ -36,6 +37,28 @@ _SLOPES = 0.1
 they are off by up to 2 % there."""
 
 
+class SecondOrder(eqx.Module):
+    """Second derivatives of a transfer function by the aberrations, per nm², in 32 bits.
+
+    Attributes
+    ----------
+    curvature : (k, k, 2, My, Mx//2 + 1) array
+        Real and imaginary parts; with both halves, because sums over one of them take longer.
+    chromatic : (k (k + 1)/2, 2, My, Mx//2 + 1) array or None
+        Of the derivative by the spectral index, of the pairs (i, j >= i); None where colour does not matter.
+    grid : Grid
+        It may be smaller than that of the value: of what is small the far wings count for nothing.
+    """
+
+    curvature: Float[Array, "k k 2 my mx"]
+    chromatic: Float[Array, "pairs 2 my mx"] | None
+    grid: Grid = eqx.field(static=True)
+
+    def rows(self, i, j, grid: Grid) -> Float[Array, "n 2 ny nx"]:
+        """Return the second derivatives by pairs of modes, on another grid."""
+        return _parts_on(self.curvature[i, j], self.grid, grid)
+
+
 class Anchor(eqx.Module):
     """A telescope's transfer function to second order about one state of its aberrations.
 
@@ -46,13 +69,12 @@ class Anchor(eqx.Module):
     value : (m) array
     slopes : (k, m) array
         First derivatives, per nm.
-    curvature : (k, k, m) array
-        Second derivatives, per nm², in 32 bits; with both halves, because sums over one of them take longer.
+    second : SecondOrder
     state : (k,) array
         nm.
-    chromatic : (1 + k + k (k + 1)/2, m) array or None
-        Derivatives of all of these by the spectral index of a source, in 32 bits; None where its colour does
-        not matter.
+    chromatic : (1 + k, m) array or None
+        Derivatives of value and slopes by the spectral index of a source, in 32 bits; None where its colour
+        does not matter.
     shifts : (1 + k, s, m) array
         Derivatives of value and slopes by the shifts of the wavelength and of the plate scale, those there
         are.
@@ -70,9 +92,9 @@ class Anchor(eqx.Module):
 
     value: Float[Array, "2 my mx"]
     slopes: Float[Array, "k 2 my mx"]
-    curvature: Float[Array, "k k 2 my mx"]
+    second: SecondOrder
     state: Float[Array, " k"]
-    chromatic: Float[Array, "q 2 my mx"] | None
+    chromatic: Float[Array, "k1 2 my mx"] | None
     shifts: Float[Array, "k1 s 2 my mx"]
     tinted_shifts: Float[Array, "s 2 my mx"] | None
     bend: Float[Array, "2 my mx"] | None
@@ -96,12 +118,14 @@ class Anchor(eqx.Module):
             spectra, shifts = spectra * blur, shifts * blur
             bend = None if bend is None else bend * blur
         parts = to_parts(spectra)
+        tints = parts[1].astype(jnp.float32) if tinted else None
+        curvature = parts[0, k + 1 :].astype(jnp.float32)[_pairs(k)]
         return cls(
             parts[0, 0],
             parts[0, 1 : k + 1],
-            parts[0, k + 1 :].astype(jnp.float32)[_pairs(k)],
+            SecondOrder(curvature, None if tints is None else tints[k + 1 :], grid),
             state,
-            parts[1].astype(jnp.float32) if tinted else None,
+            None if tints is None else tints[: k + 1],
             jnp.swapaxes(to_parts(shifts[0]), 0, 1),
             to_parts(shifts[1, :, 0]) if tinted else None,
             None if bend is None else to_parts(bend).astype(jnp.float32),
@@ -111,13 +135,20 @@ class Anchor(eqx.Module):
             system.further,
         )
 
-    def otf(self, aberrations) -> OTF:
+    def otf(self, aberrations, coarse: Anchor | None = None) -> OTF:
         """Return the first-order expansion about aberrations [nm] near the state.
 
         Its value is off by what is of third order in their distance, its derivatives by what is of second.
+
+        Parameters
+        ----------
+        aberrations : (k,) array
+            nm.
+        coarse : Anchor, optional
+            The same on the grid of the second derivatives: the modes then have derivatives on that grid only.
         """
         state, beside = self.further.split(aberrations, len(self.names))
-        return _renewed(self, state.astype(self.state.dtype), beside.astype(self.state.dtype))
+        return _renewed(self, state.astype(self.state.dtype), beside.astype(self.state.dtype), coarse)
 
     def within(self, grid: Grid) -> Anchor:
         """Return the anchor on a smaller grid of the same pixels, whose fine sides are even or odd alike.
@@ -129,49 +160,89 @@ class Anchor(eqx.Module):
 
 @eqx.filter_jit
 def _cut(anchor: Anchor, grid: Grid) -> Anchor:
-    def cut(parts):
-        return to_parts(_cut_spectra(from_parts(parts), anchor.grid, grid)).astype(parts.dtype)
+    second = jax.tree.map(lambda rows: _parts_on(rows, anchor.second.grid, grid), anchor.second)
+    first = eqx.tree_at(lambda a: (a.state, a.second), anchor, (None, None))
+    first = jax.tree.map(lambda rows: _parts_on(rows, anchor.grid, grid), first)
+    return replace(first, state=anchor.state, second=replace(second, grid=grid), grid=grid)
 
-    arrays = jax.tree.map(cut, eqx.tree_at(lambda a: a.state, anchor, None))
-    return replace(arrays, state=anchor.state, grid=grid)
 
-
-def _cut_spectra(spectra, grid: Grid, smaller: Grid):
-    """Return the spectra of point spread functions that are cut to a smaller grid."""
-    y, x = ((n - m) // 2 for n, m in zip(grid.fine_shape, smaller.fine_shape, strict=True))
-    psf = jnp.fft.irfft2(spectra / centring(grid), s=grid.fine_shape)
-    my, mx = smaller.fine_shape
-    return jnp.fft.rfft2(psf[..., y : y + my, x : x + mx]) * centring(smaller)
+def _parts_on(parts, grid: Grid, other: Grid):
+    """Return parts of spectra on another grid."""
+    if grid.fine_shape == other.fine_shape:
+        return parts
+    return to_parts(resized(from_parts(parts), grid, other)).astype(parts.dtype)
 
 
 @eqx.filter_jit
 def on_grid(otf: OTF, grid: Grid) -> OTF:
     """Return optics without derivatives on a grid, which may be smaller as in :meth:`Anchor.within`."""
-    value = otf.value if grid == otf.grid else _cut_spectra(otf.value, otf.grid, grid)
-    return OTF(value, otf.slopes[:0], otf.state[:0], grid, ())
+    return OTF(resized(otf.value, otf.grid, grid), otf.slopes[:0], otf.state[:0], grid, ())
+
+
+class _Bends(NamedTuple):
+    """Hold what the second order adds, on its grid.
+
+    Attributes
+    ----------
+    values : (1 or 2, m) array
+        To the value for A, and for B where its wavefront may differ.
+    slopes : (k, m) array
+    tint : (m) array or None
+        To the derivative by the spectral index.
+    """
+
+    values: Array
+    slopes: Array
+    tint: Array | None
 
 
 @eqx.filter_jit
-def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
-    change, k, further = aberrations - anchor.state, len(anchor.state), anchor.further
-    own = jnp.stack([change, change.at[_positions(anchor)].add(beside)]) if further.of_b else change[None]
-    bends = _sums(own.astype(anchor.curvature.dtype), anchor.curvature)
-    halves = jnp.stack(
-        [_sums(one.astype(bend.dtype) / 2, bend) for one, bend in zip(own, bends, strict=True)]
-    )
-    values = from_parts(anchor.value + jnp.tensordot(own, anchor.slopes, 1) + halves)
+def _renewed(anchor: Anchor, aberrations, beside, coarse: Anchor | None) -> OTF:
+    change, second = aberrations - anchor.state, (coarse or anchor).second
+    own = change[None]
+    if anchor.further.of_b:
+        own = jnp.stack([change, change.at[_positions(anchor)].add(beside)])
+    bends = _bends(second, own.astype(second.curvature.dtype))
+    where = aberrations, beside, own, bends
+    if coarse is None:
+        return _expansion(anchor, second.grid, *where)
+    modes = _expansion(coarse, second.grid, *single(where))
+    return replace(_expansion(anchor, second.grid, *where, apart=True), coarse=modes)
+
+
+def _bends(second: SecondOrder, own) -> _Bends:
+    """Return what the second order adds at some distances (1 or 2, k) from the state."""
+    slopes = _sums(own, second.curvature)
+    values = jnp.stack([_sums(one / 2, bend) for one, bend in zip(own, slopes, strict=True)])
+    if second.chromatic is None:
+        return _Bends(values, slopes[0], None)
+    change, (i, j) = own[0], np.triu_indices(own.shape[1])
+    weights = change[i] * change[j] / np.where(i == j, 2, 1).astype(change.dtype)
+    return _Bends(values, slopes[0], _sums(weights, second.chromatic))
+
+
+def _expansion(
+    anchor: Anchor, grid: Grid, aberrations, beside, own, bends: _Bends, *, apart: bool = False
+) -> OTF:
+    """Return the expansion of the first order and of what the second adds, which is on a grid.
+
+    Rows of the modes are left out where they are apart.
+    """
+    change, further, kind = own[0], anchor.further, own.dtype
+
+    def here(parts):
+        return _parts_on(parts, grid, anchor.grid).astype(kind)
+
+    values = from_parts(anchor.value + jnp.tensordot(own, anchor.slopes, 1) + here(bends.values))
     tints = None
     if anchor.chromatic is not None:
-        i, j = np.triu_indices(k)
-        weights = jnp.concatenate(
-            [jnp.ones(1, change.dtype), change, change[i] * change[j] / np.where(i == j, 2, 1)]
-        )
-        # all rows in one product: a part of them would be copied first, which takes longer
-        tint = _sums(weights.astype(anchor.chromatic.dtype), anchor.chromatic)
-        tints = jnp.concatenate([tint[None], anchor.chromatic[1 : k + 1]]).astype(change.dtype)
+        assert bends.tint is not None
+        weights = jnp.concatenate([jnp.ones(1, kind), change]).astype(anchor.chromatic.dtype)
+        tints = (_sums(weights, anchor.chromatic).astype(kind) + here(bends.tint))[None]
+        tints = tints if apart else jnp.concatenate([tints, anchor.chromatic[1:].astype(kind)])
     otf = OTF(
         values[0],
-        anchor.slopes + bends[0],
+        anchor.slopes[:0] if apart else anchor.slopes + here(bends.slopes),
         aberrations,
         anchor.grid,
         anchor.names,
@@ -181,7 +252,7 @@ def _renewed(anchor: Anchor, aberrations, beside) -> OTF:
     )
     if not further.names:
         return otf
-    shifts = [_sums(jnp.concatenate([jnp.ones(1, change.dtype), change]), anchor.shifts)]
+    shifts = [_sums(jnp.concatenate([jnp.ones(1, kind), change]), anchor.shifts)]
     shifts += [] if anchor.tinted_shifts is None else [anchor.tinted_shifts]
     bend = None if anchor.bend is None else from_parts(anchor.bend).astype(values.dtype)
     return with_further(otf, further, jnp.stack(shifts), bend, beside, values[1] if further.of_b else None)
@@ -219,7 +290,8 @@ class AnchoredOptics:
     nominal : OTF
         Transfer function to start from.
     coarse : Anchor, optional
-        The anchor on a grid with less padding, in 32 bits, for derivatives of images.
+        The anchor on the grid of its second derivatives, which has less padding, in 32 bits: derivatives of
+        images are computed there.
     """
 
     system: OpticalSystem
@@ -241,9 +313,7 @@ class AnchoredOptics:
         """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
         if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
-        here = self.anchor.otf(aberrations)
-        if self.coarse is not None:
-            here = replace(here, coarse=self.coarse.otf(aberrations))
+        here = self.anchor.otf(aberrations, self.coarse)
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
 
     def reaches(self, aberrations) -> bool:
@@ -257,7 +327,7 @@ class AnchoredOptics:
     def _distance(self, aberrations) -> float:
         """Return the rms phase [rad] from the anchor."""
         modes = len(self.anchor.state)
-        state, beside = self.anchor.further.split(aberrations, modes)
+        state, beside = self.anchor.further.split(np.asarray(aberrations), modes)
         return self.system.phase_of(state - np.asarray(self.anchor.state), beside)
 
     def near(self, aberrations, slopes: OTF) -> OTF:

@@ -295,14 +295,7 @@ def _derivatives(pupil, wavelengths, weights, state, grid, order, stretch, produ
         crossed += jnp.einsum("pq,cqyx->cpyx", share.astype(jnp.float32), bend, precision="highest")
     totals = value, first, crossed
     spectra = jnp.concatenate([jnp.fft.rfft2(total) for total in totals], axis=1)
-    return spectra * centring(grid) / pupil.light
-
-
-def centring(grid: Grid) -> np.ndarray:
-    """Return the factor that centres a spectrum on the optical axis, about which the PSF is symmetric."""
-    fy, fx = grid.frequencies
-    cy, cx = ((n - 1) / 2 * grid.pitch for n in grid.fine_shape)
-    return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
+    return spectra * grid.centring / pupil.light
 
 
 def _monochromatic(field, pupil, modes, products, shares, grid, wavelength, stretch):

@@ -87,6 +87,12 @@ class Grid:
         return np.fft.fftfreq(ny, self.pitch)[:, None], np.fft.rfftfreq(nx, self.pitch)[None, :]
 
     @property
+    def centring(self) -> np.ndarray:
+        """Return the factor that centres a spectrum on the optical axis, about which the PSF is symmetric."""
+        (fy, fx), (cy, cx) = self.frequencies, ((n - 1) / 2 * self.pitch for n in self.fine_shape)
+        return np.exp(2j * np.pi * fy * cy) * np.exp(2j * np.pi * fx * cx)
+
+    @property
     def nyquist(self) -> float:
         """Return the fine array's Nyquist frequency, cycles/arcsec."""
         return 0.5 / self.pitch

@@ -11,10 +11,12 @@ moved, so that its fixed point is exact.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -23,7 +25,7 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.optics.colours import WAVELENGTH, Colours
 from jitterkit.optics.grid import Grid
-from jitterkit.precision import from_parts, to_parts
+from jitterkit.precision import array_module, from_parts, real, to_parts
 
 if TYPE_CHECKING:
     from jitterkit.scene import Scene
@@ -70,7 +72,8 @@ class OTF(eqx.Module):
     bend : (My, Mx//2 + 1) complex array or None
         Second derivative by the shift of the wavelength, per nm²; None where it does not vary.
     coarse : OTF or None
-        The same in 32 bits on a grid with less padding, for the derivatives of images.
+        The same in 32 bits on a grid with less padding, for the derivatives of images.  With it, the modes of
+        the pupil have no rows in the slopes and tints here.
     """
 
     value: Complex[Array, "my mx"]
@@ -90,12 +93,23 @@ class OTF(eqx.Module):
     @property
     def jacobian(self) -> Complex[Array, "k my mx"]:
         """Derivative with respect to each aberration, as complex numbers."""
-        return from_parts(self.slopes)
+        if self.coarse is None:
+            return from_parts(self.slopes)
+        rows = self._finely(from_parts(self.coarse.slopes[: self.apart]))
+        return jnp.concatenate([rows, from_parts(self.slopes)])
 
     @property
     def chromatic(self) -> Complex[Array, "k1 my mx"] | None:
         """The tints as complex numbers, if the colour of a source matters."""
-        return None if self.tints is None else from_parts(self.tints)
+        if self.tints is None or self.coarse is None or self.coarse.tints is None:
+            return None if self.tints is None else from_parts(self.tints)
+        rows, tints = self._finely(from_parts(self.coarse.tints[1 : self.apart + 1])), from_parts(self.tints)
+        return jnp.concatenate([tints[:1], rows, tints[1:]])
+
+    def _finely(self, spectra: Complex[Array, "*n my mx"]) -> Complex[Array, "*n ny nx"]:
+        """Return spectra on the coarse grid on that of these optics."""
+        assert self.coarse is not None
+        return resized(spectra, self.coarse.grid, self.grid).astype(self.value.dtype)
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -126,7 +140,9 @@ class OTF(eqx.Module):
         if not self.names:
             return self.value
         change = self._change(aberrations)
-        value = self.value + _combined(change, self.slopes)
+        value = self.value + _combined(change[self.apart :], self.slopes)
+        if self.coarse is not None:
+            value += self._finely(_combined(change[: self.apart], self.coarse.slopes))
         if self.bend is None or (index := self.names.index(WAVELENGTH)) >= len(change):
             return value
         return value + change[index] ** 2 / 2 * self.bend
@@ -136,19 +152,45 @@ class OTF(eqx.Module):
         if self.tints is None:
             return None
         change = self._change(aberrations) if self.names else self.state[:0]
-        return _combined(jnp.concatenate([jnp.ones(1, change.dtype), change]), self.tints)
+        one = jnp.ones(1, change.dtype)
+        value = _combined(jnp.concatenate([one, change[self.apart :]]), self.tints)
+        if self.coarse is None or self.coarse.tints is None:
+            return value
+        weights = jnp.concatenate([0 * one, change[: self.apart]])
+        return value + self._finely(_combined(weights, self.coarse.tints))
 
     def _change(self, aberrations: Float[Array, " k"]) -> Float[Array, " r"]:
         """Return the distance from the state of the parameters that have a row of the slopes."""
-        rows = min(len(aberrations), len(self.slopes))
+        rows = min(len(aberrations), self.rows)
         return aberrations[:rows] - self.state[:rows]
+
+    @property
+    def rows(self) -> int:
+        """Return how many of the names have a row of the slopes, here or on the coarse grid."""
+        return len(self.names) - len(self.of_b)
+
+    @property
+    def apart(self) -> int:
+        """Return how many of the names, the first ones, have a row of the slopes on the coarse grid only."""
+        return self.rows - len(self.slopes)
+
+    @property
+    def modes_held(self) -> OTF:
+        """Return the optics with what has a row on the coarse grid only, and the wavefront of B, as they are.
+
+        Parameters to go with it lack those aberrations.
+        """
+        own = slice(self.apart, self.rows)
+        return replace(self, state=self.state[own], names=self.names[own], sigmas=(), of_b=(), coarse=None)
 
     def difference_at(self, aberrations: Float[Array, " k"]) -> Complex[Array, "my mx"] | None:
         """Transfer function of B less that of A at nearby aberrations [nm]; None where they are the same."""
-        if self.difference is None or not self.names or len(aberrations) < len(self.names):
+        if self.difference is None or not self.of_b or len(aberrations) < len(self.names):
             return self.difference
-        change = (aberrations - self.state)[-len(self.of_b) :]
-        return self.difference + _combined(change, self.slopes[np.array(self.of_b)])
+        change, rows = (aberrations - self.state)[-len(self.of_b) :], np.array(self.of_b)
+        if self.coarse is None:
+            return self.difference + _combined(change, self.slopes[rows])
+        return self.difference + self._finely(_combined(change, self.coarse.slopes[rows]))
 
     def with_colours(self, scene: Scene) -> Scene:
         """Return a scene with the indices that are known beforehand, where colour matters and it has none."""
@@ -172,11 +214,12 @@ class OTF(eqx.Module):
 
     def blind(self) -> tuple[str, ...]:
         """Aberrations that do not change the image to first order: a micron of them would not show."""
-        slopes = np.asarray(self.slopes)
-        if np.all(np.abs(slopes[:, :, :2]).max(axis=(1, 2, 3), initial=0.0) > _BLIND):  # most show in any row
+        every = [np.asarray(self.slopes)]
+        if self.coarse is not None:
+            every.insert(0, np.asarray(self.coarse.slopes)[: self.apart])
+        if min(_largest([rows[:, :, :2] for rows in every]), default=1.0) > _BLIND:  # most show in any row
             return ()
-        largest = np.abs(slopes).max(axis=(1, 2, 3), initial=0.0)
-        return tuple(name for name, slope in zip(self.names, largest, strict=False) if slope < _BLIND)
+        return tuple(name for name, slope in zip(self.names, _largest(every), strict=False) if slope < _BLIND)
 
     def psf(self) -> Float[Array, "my mx"]:
         """Point spread function at the state, on the fine grid, centred as the frame is."""
@@ -186,13 +229,31 @@ class OTF(eqx.Module):
         return jnp.fft.irfft2(centred, s=self.grid.fine_shape)
 
 
+def _largest(blocks: list[np.ndarray]) -> list[float]:
+    """Return the largest magnitude in every row of some arrays."""
+    return [float(x) for rows in blocks for x in np.abs(rows).max(axis=(1, 2, 3), initial=0.0)]
+
+
 def _combined(weights: Float[Array, " r"], parts: Float[Array, "n 2 my mx"]) -> Complex[Array, "my mx"]:
     """Sum the first rows with weights."""
-    # a slice is copied, which takes longer than the sum: none where all rows count
-    rows = parts if len(weights) == len(parts) else parts[: len(weights)]
+    # a slice is copied, which takes longer than the sum
+    weights = jnp.concatenate([weights, jnp.zeros(len(parts) - len(weights), weights.dtype)])
     # one row by a matrix, whose adjoint is too; that of a vector by a matrix would transpose it
-    total = weights[None] @ jnp.reshape(rows, (len(rows), -1))
+    total = weights[None] @ jnp.reshape(parts, (len(parts), math.prod(parts.shape[1:])))
     return from_parts(jnp.reshape(total, parts.shape[1:]))
+
+
+def resized(spectra: Complex[Array, "*n my mx"], grid: Grid, other: Grid) -> Complex[Array, "*n ny nx"]:
+    """Return the spectra of point spread functions, cut where another grid ends or zero beyond their own.
+
+    The pixels of both grids are the same, and their fine sides are even or odd alike.
+    """
+    if grid.fine_shape == other.fine_shape:
+        return spectra
+    psf = jnp.fft.irfft2(spectra / grid.centring.astype(spectra.dtype), s=grid.fine_shape)
+    beside = [((m - n) // 2, (m - n) // 2, 0) for n, m in zip(grid.fine_shape, other.fine_shape, strict=True)]
+    there = jax.lax.pad(psf, jnp.zeros((), psf.dtype), [(0, 0, 0)] * (spectra.ndim - 2) + beside)
+    return jnp.fft.rfft2(there) * other.centring.astype(spectra.dtype)
 
 
 def with_further(otf: OTF, further: Further, slopes: Float[Array, "c s 2 my mx"], bend, beside, of_b) -> OTF:
@@ -266,7 +327,7 @@ class Further:
         shifts = [sigma for sigma in (self.wavelength_sigma, self.plate_scale_sigma) if sigma]
         return (*[np.inf] * self.shadings, *shifts, *[np.inf] * len(self.of_b))
 
-    def split(self, aberrations, modes: int) -> tuple[np.ndarray, np.ndarray]:
+    def split(self, aberrations, modes: int) -> tuple[Any, Any]:
         """Split aberrations into those of the pupil's modes and the differences of B, zero where lacking.
 
         Parameters
@@ -281,10 +342,9 @@ class Further:
         ConfigurationError
             If they are neither so many nor all.
         """
-        every = np.asarray(aberrations, float)
-        wavefront = modes - self.shadings
+        every, wavefront = real(aberrations), modes - self.shadings
         if every.shape == (wavefront,):
-            every = np.concatenate([every, np.zeros(len(self.sigmas))])
+            every = array_module(every).concatenate([every, np.zeros(len(self.sigmas))])
         if every.shape != (wavefront + len(self.sigmas),):
             problem = f"Expected {wavefront} aberrations, got shape {every.shape}."
             raise ConfigurationError(ErrorCode.WRONG_SHAPE, problem)

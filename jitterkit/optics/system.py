@@ -133,7 +133,7 @@ class OpticalSystem:
         Modes of the transmission count by the share of the light that they change.  Where the wavefronts of
         two stars differ, the larger of the two.
         """
-        return self.phase_of(*self.further.split(aberrations, len(self.pupil.names)))
+        return self.phase_of(*self.further.split(np.asarray(aberrations), len(self.pupil.names)))
 
     def phase_of(self, change: np.ndarray, beside: np.ndarray) -> float:
         """Return the rms phase [rad] of changes of the pupil's modes, and of B's difference in some."""
@@ -179,7 +179,7 @@ class OpticalSystem:
         if tints is not None and exact.tints is not None:
             tints = tints.at[0].set(exact.tints[0])
         state = np.array(aberrations, float)
-        state[len(self.pupil.names) : len(slopes.slopes)] = 0.0  # the shifts
+        state[len(self.pupil.names) : slopes.rows] = 0.0  # the shifts
         return replace(
             slopes,
             value=exact.value,

@@ -85,7 +85,7 @@ def start_of(locus):
 )
 def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(loci, otf, data, programs):
     """Each of their own programs takes more than a second to compile."""
-    limits = np.asarray(50), np.asarray(1e-6), np.asarray(0.0025)
+    limits = np.asarray(50), np.asarray(1e-6), np.asarray(scoring._FINAL_ERROR)
     for locus in loci:
         start = start_of(type(locus).near(Linear.of(0.4, 30.0).moments()))
         free = free_parameters(start, otf, GRADIENT)[1]

@@ -54,7 +54,7 @@ def test_of_segments_that_share_no_light_the_second_derivatives_are_those_of_fin
     anchor = Anchor.at(system, state)
     for change in steps[[0, 1, 2, 0, 0, 1]] + steps[[0, 1, 2, 1, 2, 2]]:
         before, here, after = (system.otf(state + k * change).value for k in (-1, 0, 1))
-        real, imaginary = np.einsum("i,ijcyx,j->cyx", change, np.asarray(anchor.curvature), change)
+        real, imaginary = np.einsum("i,ijcyx,j->cyx", change, np.asarray(anchor.second.curvature), change)
         # both are of the size of (2 pi 2/540)², and differences err by that over 12 of it
         assert largest(before - 2 * here + after - (real + 1j * imaginary)) < (2 * np.pi * 2 / 540) ** 4 / 12
 
