@@ -233,17 +233,17 @@ def read_trace(
 
 
 def _refuse_wrapped(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-    """Raise ConfigurationError for angles that go on at 0 behind 360 degrees."""
+    """Raise ConfigurationError for angles that go on at 0 behind 360, 180 or 90 degrees."""
     for name, values in (("x", x), ("y", y)):
-        jumps = np.flatnonzero(np.abs(np.diff(values)) > _HALF_TURN)
+        jumps = np.flatnonzero(np.abs(np.diff(values)) > _FARTHEST)
         if jumps.size:
-            problem = f"{name} jumps by more than half a turn after {t[jumps[0]]:g} s"
+            problem = f"{name} jumps by more than 45 degrees after {t[jumps[0]]:g} s"
             message = f"{problem}; unwrap the angles, or check the unit."
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, message)
 
 
-_HALF_TURN = 180 * 3600
-"""Arcsec."""
+_FARTHEST = 45 * 3600
+"""Arcsec from one sample to the next."""
 
 
 def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:

@@ -38,6 +38,9 @@ _LOBE, _FALLEN, _NARROW = 8, 3.0, 4
 """Rows on either side that a line's lobe may have, ratio to the background at which it ends, and rows above
 half its height: what is wider than a window's lobe is a resonance, and no line."""
 
+_MISSING = 2.5
+"""Of the longer step beside it, from which a step is a gap in the table."""
+
 _GAP = 1e-12
 """Share of a frequency over which one bin changes to the next."""
 
@@ -94,31 +97,55 @@ def spectrum_of_bins(frequencies: np.ndarray, density: np.ndarray) -> PowerSpect
     Returns
     -------
     spectrum : PowerSpectrum
-        The density is constant within a bin, so that the power is the sum of densities times widths.  Rows
+        The density is constant within a bin, so that the power is the sum of densities times widths; where
+        rows are missing there is none.  Rows
         that stand out by a factor of 30 and no wider than a window's lobe are lines, of the power they have
         above their surroundings; the rest stays in the bins.
     """
-    edges = _edges(frequencies)
-    left, lines = _without_lines(frequencies, np.diff(edges), density)
+    left, lines = _without_lines(frequencies, np.diff(_edges(frequencies))[:, 0], density)
     return _steps(frequencies, left, lines)
 
 
 def _steps(frequencies: np.ndarray, density: np.ndarray, lines: tuple[Line, ...] = ()) -> PowerSpectrum:
+    """Return densities that are constant within a bin, and zero in gaps."""
     edges = _edges(frequencies)
-    ends = np.stack([edges[:-1], edges[1:] * (1 - _GAP)], axis=1).ravel()
-    return PowerSpectrum(ends, np.repeat(density, 2, axis=0), lines)
+    ends = np.stack([edges[:, 0], edges[:, 1] * (1 - _GAP)], axis=1).ravel()
+    rows = np.repeat(density, 2, axis=0)
+    gaps = 2 * np.flatnonzero(edges[1:, 0] > edges[:-1, 1] * (1 + _GAP)) + 2
+    around = np.stack([ends[gaps - 1] * (1 + _GAP), ends[gaps] * (1 - _GAP)], axis=1).ravel()
+    return PowerSpectrum(
+        np.insert(ends, np.repeat(gaps, 2), around), np.insert(rows, np.repeat(gaps, 2), 0, axis=0), lines
+    )
+
+
+def gaps_between(frequencies: np.ndarray) -> np.ndarray:
+    """Return the rows (g,) after which rows are missing: the next is further than the steps on both sides.
+
+    Only where most steps are like their neighbours: other tables have no gaps.
+    """
+    steps = np.diff(frequencies)
+    if len(steps) < _SOME or np.median(np.abs(np.diff(np.log(steps)))) > np.log(1 + _UNIFORM):
+        return np.zeros(0, int)
+    beside = np.pad(steps, 1, mode="reflect")
+    return np.flatnonzero(steps > _MISSING * np.maximum(beside[:-2], beside[2:]))
 
 
 def _edges(frequencies: np.ndarray) -> np.ndarray:
-    """Edges (n + 1,) of bins: half-way between the rows, on the scale on which these are uniform."""
+    """Lower and upper edges (n, 2) of bins.
+
+    Half-way between the rows, on the scale on which these are uniform; beside a gap as on the other side.
+    """
     if _is_uniform(frequencies):
         step = (frequencies[-1] - frequencies[0]) / (len(frequencies) - 1)
         first = max(frequencies[0] - step / 2, 0.0)
-        return np.concatenate([[first], frequencies[0] + step * (np.arange(len(frequencies)) + 0.5)])
+        edges = np.concatenate([[first], frequencies[0] + step * (np.arange(len(frequencies)) + 0.5)])
+        return np.stack([edges[:-1], edges[1:]], axis=1)
     ratios = _is_banded(frequencies)
     f = np.log(frequencies) if ratios else frequencies
-    middles = (f[1:] + f[:-1]) / 2
-    edges = np.concatenate([[2 * f[0] - middles[0]], middles, [2 * f[-1] - middles[-1]]])
+    half, gaps = np.diff(f) / 2, np.zeros(0, int) if ratios else gaps_between(f)
+    below, above = np.append(half[:1], half), np.append(half, half[-1:])
+    below[gaps + 1], above[gaps] = above[gaps + 1], below[gaps]
+    edges = np.stack([f - below, f + above], axis=1)
     return np.exp(edges) if ratios else np.maximum(edges, 0.0)
 
 

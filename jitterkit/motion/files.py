@@ -14,7 +14,7 @@ import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
 from jitterkit.loci import csv_table, is_trace, read_trace
-from jitterkit.motion.bins import KINDS, recognise_rows, spectrum_of_bins
+from jitterkit.motion.bins import KINDS, gaps_between, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
 
@@ -199,6 +199,9 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
         spectrum, read, other = curve, "points of a curve, power laws between them", "bins"
     remedy = "" if kind else f"; if they are not, give --kind {other}"
     log(f"The {len(f)} rows of densities were read as {read}{remedy}.")
+    if read.startswith("bins") and (gaps := gaps_between(f)).size:
+        where = ", ".join(f"{f[k]:.5g} to {f[k + 1]:.5g}" for k in gaps)
+        log(f"Rows are missing from {where} Hz: no power is counted there.")
     if spectrum.lines:
         listed = ", ".join(f"{line.frequency:.5g}" for line in spectrum.lines)
         log(f"Lines that stand out of the bins, and are listed as lines: {listed} Hz.")
@@ -206,11 +209,27 @@ def _random(rows: list[dict[str, float]], kind: str | None, sides: str | None, l
 
 
 def _folded(f: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided densities of two-sided ones, in ascending order."""
-    both, index = np.unique(np.abs(f), return_inverse=True)
+    """One-sided densities of two-sided ones, in ascending order.
+
+    Frequencies and their negatives may differ by rounding, but each has its own: all but zero and the ends.
+    """
+    order = np.argsort(np.abs(f))
+    both = np.abs(f)[order]
+    both[both < _ROUNDING * both[-1]] = 0.0
+    first = np.diff(both, prepend=-1.0) > _ROUNDING * (both[-1] + 1e3 * both)
+    row, both = np.cumsum(first) - 1, both[first]
     sums = np.zeros((len(both), density.shape[1]))
-    np.add.at(sums, index, density)
+    np.add.at(sums, row, density[order])
+    alone = both[(np.bincount(row) != 2) & (both > 0)]
+    if len(alone) > 1 or (len(alone) and alone[0] != both[-1]):
+        problem = f"{alone[0]:g} Hz is there on one side of zero alone, or twice"
+        message = f"{problem}; give each frequency and its negative once, or one-sided densities."
+        raise ConfigurationError(ErrorCode.MALFORMED, message)
     return both, sums
+
+
+_ROUNDING = 1e-9
+"""Of the highest frequency, by which one and its negative may differ; of their own, 1000 times that."""
 
 
 _FEWEST_MIRRORED = 8

@@ -68,7 +68,7 @@ def misfit_under(stack: Psf, psf: Psf, otf: OTF, line: Locus) -> Misfit:
     terms = np.stack([model, right, down, np.ones(model.shape)])
     fy, fx = otf.grid.frequencies
     smoothed = float(np.mean(np.square(np.asarray(line.transfer(fx, fy)))))  # of white noise, by the line
-    sharp = _centred(psf.error, stack.error.shape[0])
+    sharp = centred(psf.error, stack.error.shape[0])
     error = np.hypot(stack.error, np.sqrt(smoothed) * sharp)
     seen = (stack.error > 0) & (sharp > 0)
     design, data = (terms[:, seen] / error[seen]).T, stack.stamp[seen] / error[seen]
@@ -109,7 +109,7 @@ def length_model_error(
     )
 
 
-def _centred(stamp: np.ndarray, side: int) -> np.ndarray:
+def centred(stamp: np.ndarray, side: int) -> np.ndarray:
     """Return a stamp cut to another odd side, or filled up with zeros."""
     half, wanted = stamp.shape[0] // 2, side // 2
     cut = max(half - wanted, 0)

@@ -7,7 +7,8 @@ its score says how far it disagrees with the others, and so the errors contain t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -33,6 +34,24 @@ _LEAST = 3
 
 _OUTLIER = 12.0
 """A star is left out whose disagreement, in units of the typical one's, is larger: its neighbours show."""
+
+
+class PsfNoise(NamedTuple):
+    """Noise of a measured PSF, which a blur smooths: without it, more blur would fit better.
+
+    Attributes
+    ----------
+    error : (s, s) array
+        Standard error of a PSF of sum one, on the stars' stamps.
+    power : (ny, nx) array
+        Of this noise in the transfer function, on its frequencies, relative to white noise.
+    left : float
+        Share of it that the blur leaves, about: so much is taken for noise of the stars.
+    """
+
+    error: np.ndarray
+    power: np.ndarray
+    left: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +97,34 @@ class _Point:
     information: np.ndarray
 
 
-def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFit:
+def left_of(locus: Locus, otf: OTF, power=1.0):
+    """Return the share of a noise, of some power by frequency, that a locus leaves."""
+    fy, fx = otf.grid.frequencies
+    return jnp.mean(jnp.abs(locus.transfer(fx, fy)) ** 2 * power)
+
+
+class _Excess(NamedTuple):
+    """What the noise of the PSF adds to the deviance, of each star for a flux of one (n,).
+
+    It grows with the share of this noise that the blur leaves.
+    """
+
+    added: np.ndarray
+    power: np.ndarray
+    left: float
+
+    def chosen(self, which: np.ndarray) -> _Excess:
+        return self._replace(added=self.added[which])
+
+    def of(self, flux, locus: Locus, otf: OTF):
+        """Return it; beyond ``left`` by the logarithm, or a fit would sharpen the noise without end."""
+        ratio = left_of(locus, otf, self.power) / self.left
+        return self.added * flux**2 * (jnp.minimum(ratio, 1) + jnp.log(jnp.maximum(ratio, 1)))
+
+
+def fit_joint(
+    stars: Stars, moments: Moments, otf: OTF, start: Locus, noise: PsfNoise | None = None
+) -> JointFit:
     """Fit one locus to all stars.
 
     Parameters
@@ -90,6 +136,8 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
         Of the sharp PSF on a stamp's grid, plate scale 1: everything here is in pixels.
     start : Locus
         Its kind and where it starts.
+    noise : PsfNoise, optional
+        Of the PSF.
 
     Returns
     -------
@@ -99,13 +147,22 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     -----
     Shifted Poisson likelihood, damped Fisher scoring.  Errors come from the information, or from the
     scatter of the stars' scores about zero (the sandwich) where that is larger.
+
+    The PSF's noise adds to that of the stars, and what it adds to the deviance on average, in proportion to
+    what the blur leaves of white noise, is taken off.
     """
+    if noise is None:
+        noise = PsfNoise(np.zeros(stars.electrons.shape[1:]), np.ones(1), 1.0)
+    variance = noise.left * (moments.flux[:, None, None] * noise.error) ** 2
+    stars = replace(stars, sky_variance=stars.sky_variance + variance)
+    added = np.sum(np.where(stars.used, variance / stars.variance, 0.0), axis=(1, 2)) / moments.flux**2
+    excess = _Excess(added, noise.power, noise.left)
     used = np.ones(len(stars), bool)
     own = np.stack([*moments.centre.T, moments.flux, np.zeros(len(stars))], axis=1)
     coords = np.asarray(start.coords)
     for last in (False, False, True):
         some = stars.chosen(used)
-        point = _scoring_loop(some, own[used], coords, otf, start)
+        point = _scoring_loop(some, own[used], coords, otf, start, excess.chosen(used))
         own[used], coords = point.own, point.coords
         score, information = _profiled(point)
         disagreement = np.einsum("na,na->n", score, np.linalg.solve(information, score[..., None])[..., 0])
@@ -127,12 +184,14 @@ def fit_joint(stars: Stars, moments: Moments, otf: OTF, start: Locus) -> JointFi
     )
 
 
-def _scoring_loop(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
+def _scoring_loop(
+    stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus, excess: _Excess
+) -> _Point:
     """Maximise the likelihood by damped scoring in all stars' own parameters and the shared ones."""
-    here, damping = _evaluate(stars, own, coords, otf, kind), 1e-3
+    here, damping = _evaluate(stars, own, coords, otf, kind, excess), 1e-3
     for _ in range(_STEPS):
         own_step, step, length = _step(here, damping)
-        there = _evaluate(stars, here.own + own_step, here.coords + step, otf, kind)
+        there = _evaluate(stars, here.own + own_step, here.coords + step, otf, kind, excess)
         better = there.deviance.sum() <= here.deviance.sum() + 1e-9 * abs(here.deviance.sum())
         better = better and bool(np.all(there.own[:, 2] > 0))
         here, damping = (there, damping / 10) if better else (here, damping * 10)
@@ -170,7 +229,9 @@ def _covariance(score: np.ndarray, information: np.ndarray) -> np.ndarray:
     return scatter if np.trace(np.linalg.solve(noise, scatter)) > len(noise) else noise
 
 
-def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus) -> _Point:
+def _evaluate(
+    stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind: Locus, excess: _Excess
+) -> _Point:
     """Return each star's deviance, score and information, its own four parameters first."""
     n, parts = len(stars), []
     for first in range(0, n, _CHUNK):
@@ -178,7 +239,7 @@ def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind:
         chunk = stars.chosen(rows)
         read = chunk.sky_variance * chunk.response**2  # as of the counts before the division
         data = Data(chunk.electrons, read, chunk.used, response=chunk.response)  # mapped over below
-        parts.append(_equations(own[rows], coords, otf, kind, data))
+        parts.append(_equations(own[rows], jnp.asarray(coords), otf, kind, data, excess.chosen(rows)))
     deviance, score, information = (np.concatenate([np.asarray(p[i]) for p in parts])[:n] for i in range(3))
     k = len(coords)
     order = [0, 1, 2, 3 + k, *range(3, 3 + k)]
@@ -186,12 +247,19 @@ def _evaluate(stars: Stars, own: np.ndarray, coords: np.ndarray, otf: OTF, kind:
 
 
 @eqx.filter_jit
-def _equations(own, coords, otf, kind, data):
+def _equations(own, coords, otf, kind, data, excess):
     """Return the normal equations of stars ``(m, ...)`` in all their parameters."""
 
-    def one(own, data):
+    def one(own, data, added):
         x, y, flux, sky = own
-        parameters = Parameters(Star(x, y, flux), kind.at(jnp.asarray(coords)), (), sky)
-        return normal_equations(parameters, otf, data, tuple(range(4 + coords.size)))
+        values = jnp.concatenate([flux[None], coords])
 
-    return jax.vmap(one)(own, data)
+        def more(values):
+            return excess._replace(added=added).of(values[0], kind.at(values[1:]), otf)
+
+        parameters = Parameters(Star(x, y, flux), kind.at(coords), (), sky)
+        deviance, score, information = normal_equations(parameters, otf, data, tuple(range(4 + coords.size)))
+        of_noise, slope = jax.value_and_grad(more)(values)
+        return deviance - of_noise, score.at[2 : 3 + coords.size].add(slope / 2), information
+
+    return jax.vmap(one)(own, data, excess.added)

@@ -9,15 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.kernel_estimate import is_detected, refuse_blurrier
 from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield import certainty
-from jitterkit.starfield.core import fit_round_core, length_model_error, misfit_under
-from jitterkit.starfield.joint import JointFit, fit_joint
+from jitterkit.starfield.core import centred, fit_round_core, length_model_error, misfit_under
+from jitterkit.starfield.joint import JointFit, PsfNoise, fit_joint, left_of
 from jitterkit.starfield.moments import Moments, Stars
 from jitterkit.starfield.psf import Common, Psf, stack_psf
 
@@ -160,8 +159,13 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
     pad = max(_PAD, some.electrons.shape[-1] // 4)
     middle = (psf.stamp.shape[1] - 1) / 2, (psf.stamp.shape[0] - 1) / 2
     otf = empirical_otf(psf.stamp, 1.0, some.electrons.shape[1:], centre=middle, pad=pad)
-    normal = fit_joint(some, theirs, otf, Mvn.near(excess))
-    line, otf, changed, changes = _line(some, theirs, otf, normal, psf)
+    noise = PsfNoise(centred(psf.error, some.electrons.shape[-1]), np.ones(otf.value.shape), 1.0)
+    blur: Locus = Mvn.near(excess)
+    for _ in range(2):  # the excess of moments overstates the blur
+        noise = noise._replace(left=float(left_of(blur, otf)))
+        normal = fit_joint(some, theirs, otf, blur, noise)
+        blur = normal.locus
+    line, otf, changed, changes = _line(some, theirs, otf, normal, psf, noise)
     size = line.locus.describe()
     length, axis = size["length"], size["angle"]
     to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
@@ -218,7 +222,7 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 
 
 def _line(
-    stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf
+    stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf, noise: PsfNoise
 ) -> tuple[JointFit, OTF, float, tuple[str, ...]]:
     """Fit a line; where the stars are wider across it than the PSF, after that has been widened.
 
@@ -226,15 +230,16 @@ def _line(
     a remark on that.
     """
     blur = np.asarray(normal.locus.moments())
-    line = fit_joint(stars, moments, otf, Linear.near(blur))
+    line = fit_joint(stars, moments, otf, Linear.near(blur), noise)
     _, minor, axis = axis_variances(blur)
     error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
     if abs(minor) < _WIDER * error:
         return line, otf, 0.0, ()
     fy, fx = otf.grid.frequencies
-    widened = otf.value * jnp.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
-    changed = eqx.tree_at(lambda o: o.value, otf, widened)
-    other = fit_joint(stars, moments, changed, Linear.near(blur))
+    widening = np.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
+    changed = eqx.tree_at(lambda o: o.value, otf, otf.value * widening)
+    noise = noise._replace(power=widening**2)
+    other = fit_joint(stars, moments, changed, Linear.near(blur), noise)
     if line.fits_better(other):
         return line, otf, 0.0, ()  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"

@@ -111,6 +111,25 @@ def test_a_two_sided_table_has_the_same_power(signal, shift, write):
     assert found[0] == pytest.approx(p[1:].sum() * f[1], rel=1e-6)
 
 
+def test_frequencies_and_their_negatives_may_differ_by_rounding(signal, write):
+    f = np.arange(-500, 500, 0.1)  # -0.1 is there as -0.1000000000113
+    _, p = welch(signal, RATE, nperseg=len(f), return_onesided=False)
+    p = np.fft.fftshift(p)
+    read = read_motion(write((f, p, p), fmt="%.18e"))
+    assert power(read)[0] == pytest.approx(0.1 * p[np.abs(f) > 0.01].sum(), rel=1e-6)
+    with refused(ErrorCode.MALFORMED, "400.1 Hz", "one side"):
+        read_motion(write((f[1000:], p[1000:], p[1000:]), fmt="%.18e"))
+
+
+@pytest.mark.parametrize(("low", "high"), [(45, 55), (37.3, 80), (20, 60)])
+def test_a_gap_in_the_bins_has_no_power(signal, low, high, write):
+    f, p = welch(signal, RATE, nperseg=4096)
+    keep, said = (f < low) | (f > high), []
+    read = read_motion(write((f[keep], p[keep], p[keep])), kind="bins", log=said.append)
+    assert power(read)[0] == pytest.approx(f[1] * p[keep][1:].sum(), rel=1e-3)
+    assert any(f"from {f[keep][f[keep] < low][-1]:.5g} to" in sentence for sentence in said)
+
+
 def test_a_table_that_says_it_is_two_sided_is_doubled(write):
     f, said = np.arange(1, 101.0), []
     path = write((f, 0 * f + 1e-6, 0 * f), comment="# two-sided\n")

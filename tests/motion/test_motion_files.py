@@ -77,7 +77,8 @@ def test_hst_s_frequencies_are_read():
         ("t,x [px],y [px]\n0,0,0\n1,1,0\n", ErrorCode.UNKNOWN_UNIT, ["'px'"]),
         ("f [rad/s],x,y\n1,1,1\n2,1,1\n", ErrorCode.UNKNOWN_UNIT, ["'rad/s'"]),
         ("f,x [dB],y [dB]\n1,1,1\n2,1,1\n", ErrorCode.UNKNOWN_UNIT, ["'dB'"]),
-        ("t,x [deg],y [deg]\n0,359.999,0\n1,0.001,0\n", ErrorCode.OUT_OF_RANGE, ["half a turn", "0 s"]),
+        ("t,x [deg],y [deg]\n0,359.999,0\n1,0.001,0\n", ErrorCode.OUT_OF_RANGE, ["45 degrees", "0 s"]),
+        ("t,x [deg],y [deg]\n0,179.999,0\n1,0.001,0\n", ErrorCode.OUT_OF_RANGE, ["45 degrees", "0 s"]),
     ],
 )
 def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, table):

@@ -64,6 +64,27 @@ def test_errors_of_length_and_angle_turn_over_with_the_frame(field, trail):
     assert turned.angle_err == pytest.approx(upright.angle_err, rel=5e-3)
 
 
+def a_few(star, rng, flux, ux=0.0, uy=0.0):
+    """Nine stars of one flux on a grid of 60 pixels, at phases of their own."""
+    image = np.full((240, 240), 100.0)
+    for x, y in np.stack(np.meshgrid([60, 120, 180], [60, 120, 180]), -1).reshape(-1, 2):
+        image[y - 24 : y + 25, x - 24 : x + 25] += flux * star(*rng.uniform(-0.5, 0.5, 2), ux, uy)
+    return Frame(rng.poisson(image).astype(float), 0.0)
+
+
+@pytest.mark.parametrize(("sharp_flux", "flux"), [(2e4, 2e4), (1e4, 1e5)])
+def test_the_noise_of_a_reference_is_not_taken_for_blur(star, sharp_flux, flux):
+    u, off = np.array([3 * np.cos(np.radians(20)), 3 * np.sin(np.radians(20))]), []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        reference = a_few(star, rng, sharp_flux)
+        kernel = estimate_field(a_few(star, rng, flux, *u), reference=reference).kernel
+        truth = np.array([u[0] ** 2, u[0] * u[1], u[1] ** 2]) / 12
+        off.append((np.asarray(kernel.moments) - truth) / np.sqrt(np.diag(kernel.covariance)))
+    # the mean of four is good to half an error; more blur smooths the noise, by three errors
+    assert np.all(np.abs(np.mean(off, axis=0)) < 1.5)
+
+
 @pytest.fixture(scope="module")
 def alone(trailed):
     return estimate_field(trailed[0])
