@@ -102,11 +102,11 @@ class Path(Locus):
         return jnp.stack([x * x, x * y, y * y]) @ weights
 
     def exact_to(self) -> float:
-        return exact_to(greatest_speed(self.points(_MANY)) / (self._knots - 1), self.nodes)
+        return exact_to(greatest_speed(self.points(_MANY)) / (self.knots - 1), self.nodes)
 
     def describe(self) -> dict[str, float]:
         """Return ``x1``, ``y1``, ``x2``, ``y2``, ... of the knots, arcsec from the mean offset."""
-        positions = self._at(np.linspace(-0.5, 0.5, self._knots))
+        positions = self._at(np.linspace(-0.5, 0.5, self.knots))
         return {
             f"{axis}{k}": float(v)
             for k, xy in enumerate(positions, 1)
@@ -118,22 +118,35 @@ class Path(Locus):
         return offsets - offsets.mean(axis=0)
 
     @property
-    def _knots(self) -> int:
+    def knots(self) -> int:
+        """Number of positions that the path passes."""
         return len(self.names) // 2 + 1
+
+    def finer(self, knots: int) -> Self:
+        """Return the path with as many knots at equal times; of four or fewer, more are the same curve."""
+        times = np.linspace(-0.5, 0.5, knots)
+        return type(self).of(self._at(times)).sampled(self.nodes)
+
+    @staticmethod
+    @functools.cache
+    def variances(knots: int) -> np.ndarray:
+        """Return the variances (knots - 1,) along an axis of independent combinations of steps of rms one."""
+        matrix, weights = _quadrature(knots, _NODES)
+        return np.linalg.eigvalsh(matrix.T @ (weights[:, None] * matrix))
 
     def _at_nodes(self):
         """Return the offsets x and y (n,) from the mean at the nodes in time, and their weights (n,)."""
         positions, weights = (
-            jnp.asarray(part, self.coords.dtype) for part in _quadrature(self._knots, self.nodes)
+            jnp.asarray(part, self.coords.dtype) for part in _quadrature(self.knots, self.nodes)
         )
         x, y = self.coords.reshape(2, -1) @ positions.T
         return x, y, weights
 
     def _at(self, times: np.ndarray) -> np.ndarray:
         """Return the offsets (n, 2) from the mean at times from -1/2 to 1/2."""
-        positions, weights = gauss_legendre(self.nodes, self._knots - 1)
-        mean = weights @ _spline(self._knots, positions)
-        return (_spline(self._knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
+        positions, weights = gauss_legendre(self.nodes, self.knots - 1)
+        mean = weights @ _spline(self.knots, positions)
+        return (_spline(self.knots, times) - mean) @ np.asarray(self.coords).reshape(2, -1).T
 
 
 def _check(knots: np.ndarray) -> None:

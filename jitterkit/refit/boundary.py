@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 import equinox as eqx
@@ -76,15 +77,20 @@ def regularizing_priors(locus: Locus) -> dict[str, tuple[float, float]]:
     -------
     priors : dict
         For a partial vibration the square of its cycles, 1 ± 2, and its even share, 0 ± 0.6; for a shaped
-        blur its kurtosis, 0 ± 2; for a path its steps, 0 ± 1.5 times the rms of the whole.  Empty for all
-        other loci.
+        blur its kurtosis, 0 ± 2; for a path of four knots its steps, 0 ± 1.5 times the rms of the whole, and
+        shorter ones for more, as of a random walk.  Empty for all other loci.
     """
     if isinstance(locus, Path):
         sxx, _, syy = np.asarray(locus.moments())
-        return dict.fromkeys(locus.names, (0.0, 1.5 * float(np.sqrt(sxx + syy))))
+        return dict.fromkeys(locus.names, (0.0, step_of_path(locus.knots) * float(np.sqrt(sxx + syy))))
     if isinstance(locus, PartialShm):
         return dict(zip(locus.names[2:], ((1.0, 2.0), (0.0, 0.6)), strict=True))
     return {locus.names[3]: (0.0, 2.0)} if isinstance(locus, Shaped) else {}
+
+
+def step_of_path(knots: int) -> float:
+    """Return the sigma of a path's steps along an axis, in units of the rms of the whole."""
+    return 1.5 * math.sqrt(3 / (knots - 1))
 
 
 def minor_variance(moments, covariance) -> tuple[float, float]:

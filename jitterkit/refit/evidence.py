@@ -12,6 +12,7 @@ equally probable; what else a locus has is spread over all it can be.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Literal, NamedTuple
@@ -19,20 +20,27 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import log_ndtr
 
-from jitterkit.loci import Linear, Locus, Shm
-from jitterkit.refit.boundary import at_zero_length, minor_variance, regularizing_priors
+from jitterkit.loci import Linear, Locus, Path, Shm
+from jitterkit.refit.boundary import at_zero_length, minor_variance, regularizing_priors, step_of_path
 from jitterkit.refit.result import FitResult
 
 _LEAST = 1e-12
 """arcsec²: floor of a variance inside a logarithm, a millionth of an arcsec squared."""
 
-_PATHS = 0.39736
-"""Density in ``ln T``, at that T, of paths of four knots whose steps are normal with sigma = 1.5 sqrt(T).
 
-T is a sum of exponentials: each of the three ways to step along an axis adds ``v (a² + b²)``, of mean
-``m = 2 v sigma²``, where v are the eigenvalues of the quadratic form that takes steps along one axis to
-their variance: 0.0297, 0.0563 and 0.3649.  The sum has the density ``sum_j exp(-T/m_j)/m_j prod_(k != j)
-m_j/(m_j - m_k)``; with sigma in proportion to sqrt(T), T times it is a number."""
+@functools.cache
+def _density_of_paths(knots: int) -> float:
+    """Return the density in ``ln T``, at that T, of paths whose steps have their regularizing prior.
+
+    T is a sum of exponentials: each of the ways to step along an axis adds ``v (a² + b²)``, of mean
+    ``m = 2 v sigma²``, where v are the variances of steps of rms one.  The sum has the density
+    ``sum_j exp(-T/m_j)/m_j prod_(k != j) m_j/(m_j - m_k)``; with sigma in proportion to sqrt(T), T times it
+    is a number.
+    """
+    means = 2 * Path.variances(knots) * step_of_path(knots) ** 2
+    ratios = means[:, None] / (means[:, None] - means + np.diag(np.inf * np.ones(len(means))))
+    np.fill_diagonal(ratios, 1.0)
+    return float(np.sum(np.exp(-1 / means) / means * np.prod(ratios, axis=1)))
 
 
 def log_evidence(fit: FitResult) -> float:
@@ -125,7 +133,8 @@ def _path(fit: FitResult, locus: Locus) -> float:
 
     A path and the same run backwards are the same image.
     """
-    return math.log(2) + _regularizing_norm(locus) - math.log(_PATHS)
+    density = _density_of_paths(locus.knots)  # type: ignore[attr-defined]
+    return math.log(2) + _regularizing_norm(locus) - math.log(density)
 
 
 def _tones(fit: FitResult, locus: Locus) -> float:

@@ -153,6 +153,15 @@ class FrameFits:
         others = replace(self, data=data, options=replace(self.options, model_error=0.0))
         return replace(fit, locus=name), otf, others
 
+    def finer_path(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
+        """Fit a path that passes two more positions, from the path that was fitted."""
+        assert fit.parameters is not None
+        path = fit.parameters.locus
+        assert isinstance(path, Path)
+        begin = fit.parameters.with_locus(path.finer(path.knots + 2))
+        finer, otf, _ = fit_and_allow(self.data, self.optics, begin, otf, self.options)
+        return replace(finer, locus=fit.locus), otf
+
     def other_signs(self, fit: FitResult) -> Start | None:
         """Find the start of a better fit, with other signs of aberrations; None where there is none.
 

@@ -182,3 +182,12 @@ def test_a_table_that_cannot_be_read_is_refused_by_its_name(tmp_path):
     path.write_bytes(b"t,x,y\n\xff\xfe,0,0\n")
     with refused(ErrorCode.MALFORMED, path, "t,x,y", error=ConfigurationError):
         read_trace(path)
+
+
+@pytest.mark.parametrize("knots", [2, 3, 4])
+def test_a_path_that_passes_more_positions_is_the_same_curve(knots):
+    path = Path.of(KNOTS[:knots])
+    finer = path.finer(knots + 2)
+    assert finer.knots == knots + 2
+    np.testing.assert_allclose(finer.points(50), path.points(50), atol=1e-12)
+    np.testing.assert_allclose(finer.moments(), path.moments(), rtol=1e-10)

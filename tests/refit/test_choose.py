@@ -246,4 +246,5 @@ def test_a_random_walk_that_no_simple_locus_describes_is_a_path(optics, rng):
     assert {"ellipse", "tones", "path"} <= set(fit.tried)
     found, covariance = fit.moments()
     true = np.array([np.mean(way[:, i] * way[:, j]) for i, j in ((0, 0), (0, 1), (1, 1))])
-    assert np.all(np.abs(found - true) < 5 * np.sqrt(np.diag(covariance)))
+    assert fit.parameters.locus.knots > 4  # moments of four are off by up to four errors
+    assert np.all(np.abs(found - true) < 3 * np.sqrt(np.diag(covariance)))

@@ -109,24 +109,26 @@ def test_paths_have_one_unit_of_prior_in_each_unit_of_ln_size(rng):
     )  # so that the mean is good to 0.1; the regularizing prior alone would give 0.40
 
 
-def test_the_sizes_of_paths_drawn_from_the_regularizing_prior_are_as_dense_as_said(rng):
-    # T of splines through four knots whose steps are normal with 1.5, read at 400 times; its density at ln 1
-    drawn = 1.5 * rng.standard_normal((200_000, 2, 3))
-    knots = np.concatenate([np.zeros((200_000, 2, 1)), drawn.cumsum(axis=2)], axis=2)
-    matrix = CubicSpline(np.linspace(0, 1, 4), np.eye(4))((np.arange(400) + 0.5) / 400)
+@pytest.mark.parametrize(("knots", "step"), [(4, 1.5), (6, 1.5 * np.sqrt(3 / 5)), (8, 1.5 * np.sqrt(3 / 7))])
+def test_the_sizes_of_paths_drawn_from_the_regularizing_prior_are_as_dense_as_said(knots, step, rng):
+    # T of splines through knots whose steps are normal, read at 400 times; its density at ln 1
+    count = knots - 1
+    drawn = step * rng.standard_normal((200_000, 2, count))
+    places = np.concatenate([np.zeros((200_000, 2, 1)), drawn.cumsum(axis=2)], axis=2)
+    matrix = CubicSpline(np.linspace(0, 1, knots), np.eye(knots))((np.arange(400) + 0.5) / 400)
     matrix -= matrix.mean(axis=0)
-    totals = np.einsum("nak,kl,nal->n", knots, matrix.T @ matrix / 400, knots, optimize=True)
+    totals = np.einsum("nak,kl,nal->n", places, matrix.T @ matrix / 400, places, optimize=True)
     half = 0.1
-    count = np.sum(np.abs(np.log(totals)) < half)
-    density = count / len(totals) / (2 * half)
-    # what the evidence divides by: its prior of 1.5 sqrt(T) in each of six steps, and nothing else
-    steps = np.array([0.1, 0.03, -0.05, 0.02, 0.08, 0.01])
+    near = np.sum(np.abs(np.log(totals)) < half)
+    density = near / len(totals) / (2 * half)
+    # what the evidence divides by: its prior of so many sqrt(T) in each step, and nothing else
+    steps = np.resize([0.1, 0.03, -0.05, 0.02, 0.08, 0.01], 2 * count)
     sxx, _, syy = np.asarray(Path(steps).moments())
-    sigma, width = 1e-9, 1.5 * np.sqrt(sxx + syy)
-    free = np.log(2) + 6 * np.log(sigma / width) - 0.5 * np.sum(steps**2) / width**2
+    sigma, width = 1e-9, step * np.sqrt(sxx + syy)
+    free = np.log(2) + 2 * count * np.log(sigma / width) - 0.5 * np.sum(steps**2) / width**2
     # a count's error four times: 3.2 %; the density bends by 0.2 % over so narrow a bin
     evidence = log_evidence(regularized(steps, sigma))
-    assert evidence == pytest.approx(free - np.log(density), abs=4 / np.sqrt(count) + 0.002)
+    assert evidence == pytest.approx(free - np.log(density), abs=4 / np.sqrt(near) + 0.002)
 
 
 def test_the_evidence_of_a_path_does_not_depend_on_its_size():
