@@ -8,8 +8,10 @@ Only the score decides where the iteration ends, so only the score is exact: one
 adjoint.  The information takes a derivative of the image by every parameter, several times the work; it is
 computed in 32 bits, at the start, and again only where the steps since then show that it is wrong.
 
-Of frames like one before, derivatives by the aberrations are on a smaller grid only.  Then the image changes
-with the aberrations by the derivatives that the information was computed from, which costs a third.
+Of frames like one before, derivatives by the aberrations are on a smaller grid only.  There the image changes
+with the aberrations by the derivatives that the information was computed from, which costs a third.  Score
+and image are then of first order in the aberrations about the state of the optics: fits end up to 0.01 of an
+error off, rms.
 """
 
 from __future__ import annotations
@@ -152,7 +154,8 @@ def fisher_scoring(
     tolerance : float
         Length of a step, in standard errors, below which the iteration has converged.
     known : (p, p) array, optional
-        Information near the start, to begin with: it is renewed where it turns out to be wrong.
+        Information near the start, to begin with: it is renewed where it turns out to be wrong.  Not used
+        where the derivatives that belong to it are needed too.
     errors : bool
         Whether errors at the end are wanted; otherwise the information is the last that served for a step.
 
@@ -279,7 +282,8 @@ def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance, fi
             moved=moved,
             usable=~known_here | jnp.where(better, wrong < _RENEWAL_ERROR, ~state.moved),
             converged=(left < tolerance) | lost_in_rounding | at_kink,
-            iterations=state.iterations + 1,
+            # the same point by other slopes is no step
+            iterations=state.iterations + (known_here | (state.iterations < 0)),
         )
 
     def renew_and_iterate(state: _State) -> _State:
@@ -300,7 +304,7 @@ def _scoring_loop(start, otf, data, free, prior, known, max_steps, tolerance, fi
             converged=evaluated & (left < tolerance),
         )
         state = jax.lax.while_loop(
-            lambda s: ~s.converged & s.usable & (s.iterations < max_steps), step, state
+            lambda s: (~s.converged & s.usable & (s.iterations < max_steps)) | ~s.evaluated, step, state
         )
         return state._replace(finished=out_of_steps | (state.converged & (state.wrong < final_error)))
 
@@ -342,12 +346,13 @@ def _linear_aberrations(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the places, among what is free and among the optics' names, of aberrations without slopes.
 
-    None where the optics have the slopes of all, or where one of them is not free.
+    None where the optics have the slopes of all, or where one of them is not free; and for loci that are not
+    simple, whose fits take many steps: these ended at other maxima by slopes that are renewed in each.
     """
     lacking = {*otf.names[: otf.apart], *otf.names[otf.rows :]} & set(otf.varied(start.scene))
     every = parameter_names(start, otf.names)
     fitted = [every[i] for i in free]
-    if not otf.apart or not lacking.issubset(fitted):
+    if not otf.apart or not isinstance(start.locus, AnySimple) or not lacking.issubset(fitted):
         return None
     rows = [i for i, name in enumerate(otf.names) if name in lacking]
     return np.array([fitted.index(otf.names[i]) for i in rows]), np.array(rows)

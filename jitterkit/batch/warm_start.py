@@ -202,7 +202,9 @@ def warm_start(optics: Optics, choice: SceneChoice, options: FitOptions) -> Warm
     light = float(parameters.scene.flux) / strict**2
     anchored, coarse = AnchoredOptics.about(optics, anchor, light, parameters.aberrations), None
     reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
-    if reference and (smaller := grid_for_derivatives(parameters, anchored.nominal)):
+    # who asks for more digits has the derivatives of the whole grid
+    smaller = grid_for_derivatives(parameters, anchored.nominal) if reference and strict >= 1 else None
+    if smaller:
         coarse = single(anchor.within(smaller))
         # second derivatives of the whole grid would take most of a run's memory and of its time
         anchored = replace(anchored, anchor=replace(anchor, second=coarse.second))

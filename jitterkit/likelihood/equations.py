@@ -113,7 +113,7 @@ def deviance_and_score(
     data: Data,
     wavefront: WavefrontSlopes | None = None,
 ):
-    """Deviance and exact score of a frame, for use within a compiled program.
+    """Deviance and score of a frame, for use within a compiled program.
 
     Parameters
     ----------
@@ -123,13 +123,14 @@ def deviance_and_score(
     otf : OTF
     data : Data
     wavefront : WavefrontSlopes, optional
-        In place of the slopes of the optics: a third of the work.
+        In place of the slopes of the optics.
 
     Returns
     -------
     deviance : float
     score : (p,) array
         By one image and its adjoint, however many parameters there are: no derivative of an image is made.
+        It is exact, or with given slopes of first order in the aberrations.
     """
 
     def image_at(v):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from jitterkit.forward import Parameters, expected_image, free_parameters, image_and_jacobian, to_vector
-from jitterkit.likelihood import Data, normal_equations
+from jitterkit.likelihood import Data, deviance, normal_equations
 from jitterkit.linearisation import relinearised_scoring
 from jitterkit.locate.padding import MAY_MOVE, grid_for_derivatives
-from jitterkit.loci import Mvn
+from jitterkit.loci import Mvn, Path
 from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, lines
 from jitterkit.optics.colours import Colours
 from jitterkit.precision import single
 from jitterkit.scene import Binary
-from jitterkit.scoring import Prior
+from jitterkit.scoring import Prior, fisher_scoring
 
 SCALE, FRAME = 0.375, 64
 STATE, CHANGE = np.zeros(7), np.array([1.0, -0.5, 0.3, 0.2, 0.7, 0.1, -1.0])
@@ -123,3 +123,33 @@ def test_fits_with_slopes_apart_end_where_those_on_the_whole_grid_do(both, away,
     off = (to_vector(end.parameters)[0] - to_vector(right.parameters)[0])[np.array(free)] / errors
     assert np.sqrt(np.mean(off**2)) < 0.01
     np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(end.information))), errors, rtol=0.01)
+
+
+def test_a_few_steps_of_a_crooked_path_end_with_the_objective_of_their_image(both):
+    """By slopes that were computed before the last step it was off by 0.2, and another bend was chosen."""
+    whole, apart, state, truth = both
+    bent = truth.with_locus(Path.of([(-0.3, -0.2), (0.1, 0.2), (0.3, -0.1), (0.2, 0.3)]))
+    image = np.asarray(expected_image(bent, whole.otf(truth.aberrations)))
+    data = Data(np.random.default_rng(9).poisson(image) + 0.0, 9.0)
+    start = replace(bent, aberrations=state).with_locus(Path.near((0.05, 0.01, 0.03)))
+    free = free_parameters(start, whole.nominal)[1]
+    prior = Prior.none(len(free))
+    ends = [fisher_scoring(start, one.otf(state), data, free, prior, max_steps=4) for one in (whole, apart)]
+    for end in ends:
+        right = float(deviance(end.parameters, whole.otf(state), data))
+        assert float(end.objective) == pytest.approx(right, abs=0.01)
+    assert float(ends[1].objective) == pytest.approx(float(ends[0].objective), abs=0.05)
+
+
+def test_a_fit_with_slopes_apart_needs_no_more_steps_than_it_says(both):
+    _, apart, state, truth = both
+    image = np.asarray(expected_image(truth, apart.otf(truth.aberrations)))
+    data = Data(np.random.default_rng(9).poisson(image) + 0.0, 9.0)
+    start, otf = replace(truth, aberrations=state), apart.otf(state)
+    free = free_parameters(start, otf)[1]
+    prior = Prior.none(len(free))
+    end = fisher_scoring(start, otf, data, free, prior)
+    assert end.converged
+    again = fisher_scoring(start, otf, data, free, prior, max_steps=int(end.iterations))
+    assert again.converged
+    assert float(again.objective) == pytest.approx(float(end.objective), abs=1e-6)
