@@ -155,4 +155,4 @@ def test_evaluations_by_new_slopes_are_no_steps(both):
     right, end = (fisher_scoring(start, one.otf(start.aberrations), *given) for one in (whole, apart))
     assert right.converged
     assert end.converged
-    assert int(end.iterations) <= int(right.iterations) + 3  # with those that only renew slopes: six more
+    assert int(end.iterations) <= int(right.iterations) + 4  # with those that only renew slopes: six or seven
