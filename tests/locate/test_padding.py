@@ -64,7 +64,7 @@ def chi(image, right) -> float:
     return float(np.sqrt(np.sum((np.asarray(image) - right) ** 2 / (np.asarray(right) + 9.0))))
 
 
-@pytest.fixture(scope="module", params=["wavefront", "colours and B"])
+@pytest.fixture(scope="module", params=[pytest.param("wavefront", marks=pytest.mark.slow), "colours and B"])
 def both(request, toliman):
     """Optics of a frame with slopes on the whole grid, and on the chosen one; parameters near their state."""
     system, reference = OpticalSystem(toliman, lines(585.0), Grid((FRAME, FRAME), SCALE)), pair(0.0, 1e6)

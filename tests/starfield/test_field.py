@@ -72,7 +72,7 @@ def a_few(star, rng, flux, ux=0.0, uy=0.0):
     return Frame(rng.poisson(image).astype(float), 0.0)
 
 
-@pytest.mark.parametrize(("sharp_flux", "flux"), [(2e4, 2e4), (1e4, 1e5)])
+@pytest.mark.parametrize(("sharp_flux", "flux"), [(2e4, 2e4), pytest.param(1e4, 1e5, marks=pytest.mark.slow)])
 def test_the_noise_of_a_reference_is_not_taken_for_blur(star, sharp_flux, flux):
     u, off = np.array([3 * np.cos(np.radians(20)), 3 * np.sin(np.radians(20))]), []
     for seed in range(4):
@@ -162,7 +162,7 @@ def test_a_little_less_seeing_than_the_reference_s_is_in_the_error(field, trail,
     assert estimate.length_err < 0.2
 
 
-@pytest.mark.parametrize("half", [12, 24])
+@pytest.mark.parametrize("half", [12, pytest.param(24, marks=pytest.mark.slow)])
 def test_a_psf_may_have_stamps_of_another_size(field, trail, sharp, half):
     frame, _ = field(np.random.default_rng(12), trail(3.0, 60.0), stars=30, side=400)
     estimate = estimate_field(frame, reference=field_psf(sharp[0], half=half))

@@ -28,7 +28,7 @@ from jitterkit.trade.worst_case import WorstCase
         Settings(samples=2),
         pytest.param(Settings(binning=4, pad=8), marks=pytest.mark.slow),
         pytest.param(Settings(region=24, pad=4), marks=pytest.mark.slow),
-        Settings(aberrations="held"),
+        pytest.param(Settings(aberrations="held"), marks=pytest.mark.slow),
         pytest.param(Settings(without=("noll8",)), marks=pytest.mark.slow),
     ],
 )
