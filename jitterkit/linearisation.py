@@ -17,7 +17,8 @@ from jitterkit.likelihood import POOR, Data
 from jitterkit.metric import Prior
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scoring import ScoringResult, fisher_scoring
+from jitterkit.scoring import fisher_scoring
+from jitterkit.scoring_loop import ScoringResult
 
 LINEARISATION_TOLERANCE = 0.1
 """Largest error of linearised optics at the end of a fit, in sigmas of the whole image."""

@@ -121,8 +121,7 @@ _CHANCE = 1e-6
 
 
 def outside_of_data(cards: Cards, shape: tuple[int, int]) -> tuple[np.ndarray | None, str]:
-    """Find pixels that hold no sky: those outside of ``TRIMSEC``, ``DATASEC`` or ``RTDATSEC`` (ING), or in
-    ``BIASSEC``.
+    """Find pixels without sky: outside of ``TRIMSEC``, ``DATASEC`` or ``RTDATSEC`` (ING), or in ``BIASSEC``.
 
     Parameters
     ----------

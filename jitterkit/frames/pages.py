@@ -100,6 +100,7 @@ def orientation_of(page: Any) -> int:
 
 
 _NO_DATA = 42113
+"""Tag of GDAL_NODATA, a number in ASCII."""
 
 
 def no_data(page: Any) -> float | None:

@@ -15,7 +15,7 @@ from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.loci.base import Locus
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.metric import invert_information
-from jitterkit.optics.anchor import AnchoredOptics
+from jitterkit.optics.anchored import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Scene

@@ -63,6 +63,12 @@ class Path(Locus):
         self.names = _names(len(self.coords) // 2 + 1)
         self.nodes = nodes
 
+    def at(self, coords: Float[Array | np.ndarray, " k"]) -> Self:
+        """Return a path with other steps, of which there may be more or fewer."""
+        knots = len(coords) // 2 + 1
+        path = self if knots == self.knots else type(self).of(np.zeros((knots, 2))).sampled(self.nodes)
+        return eqx.tree_at(lambda one: one.coords, path, coords)
+
     def sampled(self, nodes: int) -> Self:
         return type(self)(self.coords, nodes)
 

@@ -14,7 +14,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jitterkit.optics.anchor import Anchor, AnchoredOptics
+    from jitterkit.optics.anchor import Anchor
+    from jitterkit.optics.anchored import AnchoredOptics
     from jitterkit.optics.colours import Colours, blackbody_index, colours_of
     from jitterkit.optics.empirical import empirical_otf
     from jitterkit.optics.expansion import expand, grid_for
@@ -54,7 +55,7 @@ __all__ = [
 
 _MODULES = (
     *("spectrum", "colours", "grid", "pupil", "pupil_file", "toliman"),
-    *("otf", "expansion", "empirical", "system", "anchor"),
+    *("otf", "expansion", "empirical", "system", "anchor", "anchored"),
 )
 """Where the names are; the first three load no JAX, which takes half of the time of ``jitterkit info``."""
 

@@ -14,8 +14,9 @@ from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.optics.colours import Colours, wavenumber_offsets
 from jitterkit.optics.focal import focal_field
+from jitterkit.optics.further import Further, with_further
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
-from jitterkit.optics.otf import OTF, Further, with_further
+from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.precision import single, to_parts

@@ -15,8 +15,9 @@ import scipy.linalg
 
 from jitterkit.optics.colours import Colours
 from jitterkit.optics.expansion import expand
+from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
-from jitterkit.optics.otf import OTF, Further
+from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 

@@ -24,7 +24,7 @@ from jitterkit.loci import (
 )
 from jitterkit.metric import invert_information
 from jitterkit.optics.otf import OTF
-from jitterkit.scoring import ScoringResult
+from jitterkit.scoring_loop import ScoringResult
 
 _SIGMAS = 3.0
 """Standard errors from zero below which a streak's length cannot be distinguished from zero."""
@@ -89,7 +89,10 @@ def regularizing_priors(locus: Locus) -> dict[str, tuple[float, float]]:
 
 
 def step_of_path(knots: int) -> float:
-    """Return the sigma of a path's steps along an axis, in units of the rms of the whole."""
+    """Return the sigma of a path's steps along an axis, in units of the rms of the whole.
+
+    1.5 for four knots; of more, shorter steps, as the whole of a random walk is as large then.
+    """
     return 1.5 * math.sqrt(3 / (knots - 1))
 
 

@@ -33,7 +33,7 @@ from jitterkit.forward import Parameters, parameter_names, to_vector
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
-from jitterkit.loci import Path, Shaped
+from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import minor_variance
@@ -42,14 +42,7 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.squares import straight_blur
-from jitterkit.refit.weigh import (
-    Tried,
-    as_fit,
-    describe_undecided,
-    evaluate_by_cumulants,
-    weigh,
-    weight_of_evidence,
-)
+from jitterkit.refit.weigh import Tried, as_fit, describe_undecided, evaluate_by_cumulants, weigh
 
 FALSE_ALARM = 0.01
 """Share of frames without jitter that are said to have some."""
@@ -86,10 +79,6 @@ _TAKEN_UP = 0.2
 """Share of a poor normal's excess that another locus must take up for loci with more freedom to be tried
 where the score does not ask for them: far from the maximum it sees a part of what is lacking.  An ellipse
 took up half of that of a random walk, which a path describes; its score saw 0.04."""
-
-_KNOTS = 8
-"""Of a path, at most: of random walks through 40 positions, 0.3 by 0.15 of a resolution, six or eight
-described all at 2e5 electrons."""
 
 _THIN = (6.0, 0.05)
 """A blur may be straight whose minor variance is within so many errors of none, or below that share of the
@@ -262,8 +251,9 @@ def _fit_tiers(
             for name in ahead:
                 fit, expanded[name] = _try(frame, name, normal, otf, begin)
                 tried.add(replace(fit, shape=normal.shape, shape_err=normal.shape_err))
-            if tier == max(tiers):
-                expanded |= _finer_paths(frame, tried, expanded)
+            if tried.best.locus == "path":
+                path, expanded["path"] = frame.finest_path(tried.best, expanded["path"])
+                tried.add(path)
             best = tried.best
             if best.locus in expanded:
                 break
@@ -285,25 +275,6 @@ def _fit_tiers(
         if fits:
             break
     return replace(_finalize(tried), straight=straight_blur(tried.fits, normal.shape_err, frame))
-
-
-def _finer_paths(frame: FrameFits, tried: Tried, expanded: dict[str, OTF]) -> dict[str, OTF]:
-    """Let a path that is the best of all pass more positions, as long as its evidence grows."""
-    otfs: dict[str, OTF] = {}
-    while tried.best.locus == "path":
-        path, otf = tried.best, otfs.get("path", expanded["path"])
-        locus = path.parameters and path.parameters.locus
-        if not isinstance(locus, Path) or locus.knots >= _KNOTS:
-            break
-        try:
-            finer, otf = frame.finer_path(path, otf)
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-            break
-        if not weight_of_evidence(finer) > tried.evidence["path"]:
-            break
-        tried.add(replace(finer, shape=path.shape, shape_err=path.shape_err))
-        otfs["path"] = otf
-    return otfs
 
 
 def _wants_more(fit: FitResult, step: CumulantStep, least: float = _MISFIT) -> bool:

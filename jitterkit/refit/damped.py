@@ -16,7 +16,8 @@ from jitterkit.linearisation import Expanded, error_per_square
 from jitterkit.metric import Prior, invert_information
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.scoring import ScoringResult, fisher_scoring
+from jitterkit.scoring import fisher_scoring
+from jitterkit.scoring_loop import ScoringResult
 
 _BENT, _STIFFER = (0.25, 0.75), 4.0
 """Ratios of a reduction of the deviance to the one foreseen, below and above which the penalty is multiplied

@@ -39,7 +39,8 @@ from jitterkit.refit.damped import damped_scoring
 from jitterkit.refit.model_error import differs, with_model_error
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.result import FitResult, Status
-from jitterkit.scoring import ROUNDING_TOLERANCE, ScoringResult, fisher_scoring
+from jitterkit.scoring import fisher_scoring
+from jitterkit.scoring_loop import ROUNDING_TOLERANCE, ScoringResult
 
 _CLEARINGS = 3  # times that the fit may move the edge of what comes near the ceiling: once is usual
 _USUAL = 1e-4

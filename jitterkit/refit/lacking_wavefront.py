@@ -18,7 +18,7 @@ from scipy import stats
 from jitterkit.conventions import offsets
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.likelihood import Data, equations_of, single_slopes
-from jitterkit.optics.anchor import AnchoredOptics
+from jitterkit.optics.anchored import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil, zernike
 from jitterkit.optics.system import OpticalSystem, Optics

@@ -19,6 +19,7 @@ from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.fit import FitOptions, fit_and_allow
 from jitterkit.refit.result import FitResult, Status
+from jitterkit.refit.weigh import weight_of_evidence
 from jitterkit.scoring import fisher_scoring
 
 _CYCLES, _PHASES = (0.5, 1.2), (-40.0, 40.0)
@@ -75,6 +76,9 @@ def _partial(moments, cycles: float, phase: float) -> Locus:
     size = principal_axes(unit.moments())[0]
     return PartialShm.of(major / size, angle, cycles, phase)
 
+
+_MOST_KNOTS = 8
+"""Of a path.  Walks of 40 steps, 0.3 by 0.15 of a resolution rms and of 2e5 electrons, took six or eight."""
 
 NORMAL = "mvn"
 """Name of the locus that a search fits, so that its signs have been tried."""
@@ -153,14 +157,30 @@ class FrameFits:
         others = replace(self, data=data, options=replace(self.options, model_error=0.0))
         return replace(fit, locus=name), otf, others
 
-    def finer_path(self, fit: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
-        """Fit a path that passes two more positions, from the path that was fitted."""
-        assert fit.parameters is not None
-        path = fit.parameters.locus
-        assert isinstance(path, Path)
-        begin = fit.parameters.with_locus(path.finer(path.knots + 2))
-        finer, otf, _ = fit_and_allow(self.data, self.optics, begin, otf, self.options)
-        return replace(finer, locus=fit.locus), otf
+    def finest_path(self, path: FitResult, otf: OTF) -> tuple[FitResult, OTF]:
+        """Let the path of a fit pass two more positions at a time, as long as the evidence grows.
+
+        Returns
+        -------
+        path : FitResult
+            The fit itself where that gains nothing.
+        otf : OTF
+            Expanded where it ended.
+        """
+        while (start := path.parameters) is not None:
+            locus = start.locus
+            if not isinstance(locus, Path) or locus.knots >= _MOST_KNOTS:
+                break
+            begin = start.with_locus(locus.finer(locus.knots + 2))
+            try:
+                finer, there, _ = fit_and_allow(self.data, self.optics, begin, otf, self.options)
+            except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+                break
+            finer = replace(finer, locus=path.locus, shape=path.shape, shape_err=path.shape_err)
+            if not weight_of_evidence(finer) > weight_of_evidence(path):
+                break
+            path, otf = finer, there
+        return path, otf
 
     def other_signs(self, fit: FitResult) -> Start | None:
         """Find the start of a better fit, with other signs of aberrations; None where there is none.

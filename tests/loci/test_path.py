@@ -191,3 +191,11 @@ def test_a_path_that_passes_more_positions_is_the_same_curve(knots):
     assert finer.knots == knots + 2
     np.testing.assert_allclose(finer.points(50), path.points(50), atol=1e-12)
     np.testing.assert_allclose(finer.moments(), path.moments(), rtol=1e-10)
+
+
+def test_a_path_at_more_steps_passes_more_positions():
+    """A report draws a path from its name and its coordinates."""
+    path = Path.of(KNOTS)
+    again = Path.near(np.array([1.0, 0.0, 1.0])).at(np.asarray(path.coords))
+    assert (again.knots, again.names) == (path.knots, path.names)
+    np.testing.assert_allclose(again.points(50), path.points(50), atol=1e-15)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jitterkit import scoring
+from jitterkit import scoring, scoring_loop
 from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, image, to_vector
 from jitterkit.likelihood import Data
 from jitterkit.loci import Ellipse, Linear, Lissajous, Mvn, PartialShm, Shm, Stable
@@ -56,13 +56,13 @@ def test_a_locus_with_a_shape_of_its_own_is_none():
 def programs(monkeypatch):
     """List the kinds of locus for which a scoring loop is traced: one for each program."""
     traced = []
-    original = scoring.information_at
+    original = scoring_loop.information_at
 
     def noted(parameters, *rest):
         traced.append(type(parameters.locus))
         return original(parameters, *rest)
 
-    monkeypatch.setattr(scoring, "information_at", noted)
+    monkeypatch.setattr(scoring_loop, "information_at", noted)
     return traced
 
 
@@ -85,7 +85,7 @@ def start_of(locus):
 )
 def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(loci, otf, data, programs):
     """Each of their own programs takes more than a second to compile."""
-    limits = np.asarray(50), np.asarray(1e-6), np.asarray(scoring._FINAL_ERROR)
+    limits = np.asarray(50), np.asarray(1e-6), np.asarray(scoring_loop.FINAL_ERROR)
     for locus in loci:
         start = start_of(type(locus).near(Linear.of(0.4, 30.0).moments()))
         free = free_parameters(start, otf, GRADIENT)[1]
@@ -94,7 +94,9 @@ def test_fits_with_all_of_them_share_a_program_and_end_as_with_their_own(loci, o
             programs.clear()
         shared = scoring.fisher_scoring(start, otf, data, free, prior, tolerance=1e-6)
         assert locus is LOCI[0] or not programs
-        own = scoring._scoring_loop(start, otf, data, free, prior, np.zeros(2 * prior.mean.shape), *limits)
+        own = scoring_loop.scoring_loop(
+            start, otf, data, free, prior, np.zeros(2 * prior.mean.shape), *limits
+        )
         assert type(shared.parameters.locus) is type(locus)
         assert shared.parameters.locus.coords.shape == locus.coords.shape
         errors = np.sqrt(np.diag(np.linalg.inv(own.information)))

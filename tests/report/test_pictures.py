@@ -10,7 +10,7 @@ from refusals import refused
 
 from jitterkit.errors import ErrorCode
 from jitterkit.frames.frame import Frame
-from jitterkit.loci import LOCI, Stable
+from jitterkit.loci import LOCI, Path, Stable
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.report.pictures import choose_pictures, pack_picture, render_pictures
 from jitterkit.report.row import make_row
@@ -38,10 +38,11 @@ def test_a_fitted_frame_becomes_one_small_picture(make_fit, locus):
     ],
 )
 def test_every_locus_that_a_fit_may_end_with_is_drawn_with_its_kernel(make_fit, name):
-    """Tones and smears are built of two loci: a run that ended with one was not written."""
+    """A run that ended with tones, with a smear or with a path of eight knots was not written."""
     frame, result = make_fit("mvn")
     assert result.parameters is not None
     locus = LOCI[name].near(np.array([0.04, 0.01, 0.02]))
+    locus = locus.finer(8) if isinstance(locus, Path) else locus
     fitted = replace(result, locus=name, parameters=result.parameters.with_locus(locus))
     still = replace(fitted, parameters=result.parameters.with_locus(Stable.of()))
     row = make_row(result, frame.path, frame.index, metadata=frame.metadata)
