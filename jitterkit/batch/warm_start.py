@@ -195,17 +195,16 @@ def warm_start(optics: Optics, choice: SceneChoice, options: FitOptions) -> Warm
     parameters = choice.start.parameters
     if not len(parameters.aberrations) or not isinstance(optics, OpticalSystem):
         return None
-    # of exactly that state: rounded to a nm in 19 modes it was off by 0.7 of its reach
-    anchor = Anchor.at(optics, np.asarray(parameters.aberrations))
     # as exact as for a frame with more light
     strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
-    light = float(parameters.scene.flux) / strict**2
-    anchored, coarse = AnchoredOptics.about(optics, anchor, light, parameters.aberrations), None
-    reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
+    light, smaller = float(parameters.scene.flux) / strict**2, None
     # who asks for more digits has the derivatives of the whole grid
-    smaller = grid_for_derivatives(parameters, anchored.nominal) if reference and strict >= 1 else None
-    if smaller:
-        coarse = single(anchor.within(smaller))
-        # second derivatives of the whole grid would take most of a run's memory and of its time
-        anchored = replace(anchored, anchor=replace(anchor, second=coarse.second))
+    if strict >= 1 and ReferenceFrame.serves(parameters, optics.nominal.names, options.hold):
+        smaller = grid_for_derivatives(parameters, optics.otf(parameters.aberrations))
+    # of exactly that state: rounded to a nm in 19 modes it was off by 0.7 of its reach; second derivatives of
+    # the whole grid would take most of a run's memory and of its time
+    anchor = Anchor.at(optics, np.asarray(parameters.aberrations), smaller)
+    anchored = AnchoredOptics.about(optics, anchor, light, parameters.aberrations)
+    reference = ReferenceFrame.of(parameters, optics, anchor, options.hold)
+    coarse = single(anchor.within(smaller)) if smaller else None
     return WarmStart(choice.scene, choice.ambiguity_of_run, anchored, reference, coarse=coarse)

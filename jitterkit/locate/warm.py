@@ -143,6 +143,17 @@ class ReferenceFrame:
     names: tuple[str, ...]
     free: tuple[int, ...]
 
+    @staticmethod
+    def serves(parameters: Parameters, aberrations: tuple[str, ...], hold: Collection[str]) -> bool:
+        """Return whether frames like one can be registered to it.
+
+        They cannot where something of the stars or of their blur is held, nor where rows are exposed one
+        after the other.
+        """
+        own = {*parameters.scene.names, *parameters.locus.names}
+        fitted = set(parameter_names(parameters, aberrations)) - own
+        return set(hold).issubset(fitted) and parameters.shutter is None
+
     @classmethod
     def of(
         cls,
@@ -165,14 +176,12 @@ class ReferenceFrame:
         Returns
         -------
         reference : ReferenceFrame or None
-            None if something of the stars or of their blur is held, or rows are exposed one after the other.
+            None if frames cannot be registered to it (:meth:`serves`).
         """
-        parameters = parameters.with_locus(Mvn.near(parameters.locus.moments()))
         otf = anchor.otf(parameters.aberrations)
-        own = {*parameters.scene.names, *Mvn.names}
-        wanted = set(parameter_names(parameters, otf.names)) - own
-        if not set(hold).issubset(wanted) or parameters.shutter is not None:
+        if not cls.serves(parameters, otf.names, hold):
             return None
+        parameters = parameters.with_locus(Mvn.near(parameters.locus.moments()))
         names, free = free_parameters(parameters, otf, hold)
         image, jacobian = map(np.asarray, single_slopes(parameters, otf, free))
         roots = jacobian / np.sqrt(np.maximum(image, DARK * image.max()))

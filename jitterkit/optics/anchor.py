@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jitterkit.loci.elliptic import Mvn
-from jitterkit.optics.colours import Colours
-from jitterkit.optics.expansion import derivatives_at, shift_effects
-from jitterkit.optics.further import Further, with_further
+from jitterkit.optics.expansion import derivatives_at, shifted
+from jitterkit.optics.further import Further
 from jitterkit.optics.grid import Grid
 from jitterkit.optics.otf import OTF, resized
 from jitterkit.optics.system import OpticalSystem
@@ -26,12 +25,14 @@ from jitterkit.precision import from_parts, single, to_parts
 
 
 class SecondOrder(eqx.Module):
-    """Second derivatives of a transfer function by the aberrations, per nm², in 32 bits.
+    """Second derivatives of a transfer function about a state of its aberrations, per nm², in 32 bits.
 
     Attributes
     ----------
-    curvature : (k, k, 2, My, Mx//2 + 1) array
-        Real and imaginary parts; with both halves, because sums over one of them take longer.
+    curvature : (k, k + s, 2, My, Mx//2 + 1) array
+        Derivatives by the k modes of the slopes: of those by the modes, and of those by the s shifts of the
+        wavelength and of the plate scale that there are.  Real and imaginary parts; of the modes with both
+        halves, because sums over one of them take longer.
     chromatic : (k (k + 1)/2, 2, My, Mx//2 + 1) array or None
         Of the derivative by the spectral index, of the pairs (i, j >= i); None where colour does not matter.
     grid : Grid
@@ -39,9 +40,25 @@ class SecondOrder(eqx.Module):
         image is then off by 8e-5 sigmas of the whole, and by 0.023 with the pair 53 pixels off the middle.
     """
 
-    curvature: Float[Array, "k k 2 my mx"]
+    curvature: Float[Array, "k ks 2 my mx"]
     chromatic: Float[Array, "pairs 2 my mx"] | None
     grid: Grid = eqx.field(static=True)
+
+    @classmethod
+    def at(cls, system: OpticalSystem, state: Float[Array, " k"], grid: Grid) -> SecondOrder:
+        """Differentiate a system's transfer function at a state [nm], on a grid of its pixels."""
+        k, tinted = len(state), system.colours is not None
+        where = system.pupil, system.spectrum, grid, state
+        spectra = derivatives_at(*where, order=2, chromatic=tinted)[:, k + 1 :]
+        pairs = shifted(*where, system.further, order=1)
+        shifts = [(ahead - behind)[0, 1:] / (2 * step) for ahead, behind, step in pairs]
+        if system.diffusion:
+            fy, fx = grid.frequencies
+            blur = Mvn.of(system.diffusion).transfer(fx, fy)
+            spectra, shifts = spectra * blur, [slopes * blur for slopes in shifts]
+        parts = to_parts(spectra).astype(jnp.float32)
+        every = [parts[0][_pairs(k)], *(to_parts(slopes).astype(jnp.float32)[:, None] for slopes in shifts)]
+        return cls(jnp.concatenate(every, axis=1), parts[1] if tinted else None, grid)
 
     def rows(self, i, j, grid: Grid) -> Float[Array, "n 2 ny nx"]:
         """Return the second derivatives by pairs of modes, on another grid."""
@@ -51,78 +68,31 @@ class SecondOrder(eqx.Module):
 class Anchor(eqx.Module):
     """A telescope's transfer function to second order about one state of its aberrations.
 
-    Of every spectrum there are real and imaginary parts, (2, My, Mx//2 + 1), below (m).
-
     Attributes
     ----------
-    value : (m) array
-    slopes : (k, m) array
-        First derivatives, per nm.
+    first : OTF
+        The expansion to first order, with tints in 32 bits.
     second : SecondOrder
-    state : (k,) array
-        nm.
-    chromatic : (1 + k, m) array or None
-        Derivatives of value and slopes by the spectral index of a source, in 32 bits; None where its colour
-        does not matter.
-    shifts : (1 + k, s, m) array
-        Derivatives of value and slopes by the shifts of the wavelength and of the plate scale, those there
-        are.
-    tinted_shifts : (s, m) array or None
-        Derivative of that of the value by the spectral index.
-    bend : (m) array or None
-        Second derivative of the value by the shift of the wavelength, in 32 bits.
-    grid : Grid
-    names : tuple of str
-        Of the aberrations.
-    colours : Colours or None
     further : Further
-        What may vary beside them.
+        What may vary beside the k modes of the pupil.
     """
 
-    value: Float[Array, "2 my mx"]
-    slopes: Float[Array, "k 2 my mx"]
+    first: OTF
     second: SecondOrder
-    state: Float[Array, " k"]
-    chromatic: Float[Array, "k1 2 my mx"] | None
-    shifts: Float[Array, "k1 s 2 my mx"]
-    tinted_shifts: Float[Array, "s 2 my mx"] | None
-    bend: Float[Array, "2 my mx"] | None
-    grid: Grid = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-    colours: Colours | None = eqx.field(static=True)
     further: Further = eqx.field(static=True)
 
     @classmethod
-    def at(cls, system: OpticalSystem, state) -> Anchor:
-        """Expand a system about a state [nm]."""
-        grid, names = system.grid, system.pupil.names
-        state, k = jnp.asarray(system.further.split(state, len(names))[0]), len(names)
-        tinted = system.colours is not None
-        spectra = derivatives_at(system.pupil, system.spectrum, grid, state, order=2, chromatic=tinted)
-        where = system.pupil, system.spectrum, grid, state, system.further
-        shifts, bend = shift_effects(*where, spectra[0, 0], order=1, chromatic=tinted)
-        if system.diffusion:
-            fy, fx = grid.frequencies
-            blur = Mvn.of(system.diffusion).transfer(fx, fy)
-            spectra, shifts = spectra * blur, shifts * blur
-            bend = None if bend is None else bend * blur
-        parts = to_parts(spectra)
-        tints = parts[1].astype(jnp.float32) if tinted else None
-        curvature = parts[0, k + 1 :].astype(jnp.float32)[_pairs(k)]
-        return cls(
-            parts[0, 0],
-            parts[0, 1 : k + 1],
-            SecondOrder(curvature, None if tints is None else tints[k + 1 :], grid),
-            state,
-            None if tints is None else tints[: k + 1],
-            jnp.swapaxes(to_parts(shifts[0]), 0, 1),
-            to_parts(shifts[1, :, 0]) if tinted else None,
-            None if bend is None else to_parts(bend).astype(jnp.float32),
-            grid,
-            names,
-            system.colours,
-            system.further,
-        )
+    def at(cls, system: OpticalSystem, state, grid: Grid | None = None) -> Anchor:
+        """Expand a system about a state [nm], to second order on a grid, which may be smaller."""
+        first = system.otf(state)
+        modes = first.state[: len(system.pupil.names)]
+        first = replace(first, tints=single(first.tints), difference=None)
+        return cls(first, SecondOrder.at(system, modes, grid or system.grid), system.further)
+
+    @property
+    def state(self) -> Float[Array, " k"]:
+        """Return the modes of the pupil that it is about, nm."""
+        return self.first.state[: len(self.second.curvature)]
 
     def otf(self, aberrations, coarse: Anchor | None = None) -> OTF:
         """Return the first-order expansion about aberrations [nm] near the state.
@@ -136,8 +106,9 @@ class Anchor(eqx.Module):
         coarse : Anchor, optional
             The same on the grid of the second derivatives: the modes then have derivatives on that grid only.
         """
-        state, beside = self.further.split(aberrations, len(self.names))
-        return _renewed(self, state.astype(self.state.dtype), beside.astype(self.state.dtype), coarse)
+        state, beside = self.further.split(aberrations, len(self.state))
+        kind = self.first.state.dtype
+        return _renewed(self, state.astype(kind), beside.astype(kind), coarse)
 
     def within(self, grid: Grid) -> Anchor:
         """Return the anchor on a smaller grid of the same pixels, whose fine sides are even or odd alike.
@@ -149,10 +120,17 @@ class Anchor(eqx.Module):
 
 @eqx.filter_jit
 def _cut(anchor: Anchor, grid: Grid) -> Anchor:
-    second = jax.tree.map(lambda rows: _parts_on(rows, anchor.second.grid, grid), anchor.second)
-    first = eqx.tree_at(lambda a: (a.state, a.second), anchor, (None, None))
-    first = jax.tree.map(lambda rows: _parts_on(rows, anchor.grid, grid), first)
-    return replace(first, state=anchor.state, second=replace(second, grid=grid), grid=grid)
+    first, second = anchor.first, anchor.second
+    cut = replace(
+        first,
+        value=resized(first.value, first.grid, grid),
+        slopes=_parts_on(first.slopes, first.grid, grid),
+        tints=None if first.tints is None else _parts_on(first.tints, first.grid, grid),
+        bend=None if first.bend is None else resized(first.bend, first.grid, grid),
+        grid=grid,
+    )
+    second = jax.tree.map(lambda rows: _parts_on(rows, second.grid, grid), second)
+    return Anchor(cut, replace(second, grid=grid), anchor.further)
 
 
 def _parts_on(parts, grid: Grid, other: Grid):
@@ -175,7 +153,7 @@ class _Bends(NamedTuple):
     ----------
     values : (1 or 2, m) array
         To the value for A, and for B where its wavefront may differ.
-    slopes : (k, m) array
+    slopes : (k + s, m) array
     tint : (m) array or None
         To the derivative by the spectral index.
     """
@@ -186,70 +164,67 @@ class _Bends(NamedTuple):
 
 
 @eqx.filter_jit
-def _renewed(anchor: Anchor, aberrations, beside, coarse: Anchor | None) -> OTF:
-    change, second = aberrations - anchor.state, (coarse or anchor).second
+def _renewed(anchor: Anchor, state, beside, coarse: Anchor | None) -> OTF:
+    change, second = state - anchor.state, (coarse or anchor).second
     own = change[None]
     if anchor.further.of_b:
-        own = jnp.stack([change, change.at[_positions(anchor)].add(beside)])
+        own = jnp.stack([change, change.at[np.array(anchor.first.of_b)].add(beside)])
     bends = _bends(second, own.astype(second.curvature.dtype))
-    where = aberrations, beside, own, bends
+    everything = jnp.concatenate([state, jnp.zeros(len(bends.slopes) - len(state)), beside])
+    where = everything, own, bends
     if coarse is None:
-        return _expansion(anchor, second.grid, *where)
-    modes = _expansion(coarse, second.grid, *single(where))
-    return replace(_expansion(anchor, second.grid, *where, apart=True), coarse=modes)
+        return _expansion(anchor.first, second.grid, *where)
+    modes = _expansion(coarse.first, second.grid, *single(where))
+    return replace(_expansion(anchor.first, second.grid, *where, apart=True), coarse=modes)
 
 
 def _bends(second: SecondOrder, own) -> _Bends:
     """Return what the second order adds at some distances (1 or 2, k) from the state."""
-    slopes = _sums(own, second.curvature)
-    values = jnp.stack([_sums(one / 2, bend) for one, bend in zip(own, slopes, strict=True)])
+    k, slopes = own.shape[1], _sums(own, second.curvature)
+    values = jnp.stack([_first_sum(one / 2, bend) for one, bend in zip(own, slopes, strict=True)])
     if second.chromatic is None:
         return _Bends(values, slopes[0], None)
-    change, (i, j) = own[0], np.triu_indices(own.shape[1])
+    change, (i, j) = own[0], np.triu_indices(k)
     weights = change[i] * change[j] / np.where(i == j, 2, 1).astype(change.dtype)
     return _Bends(values, slopes[0], _sums(weights, second.chromatic))
 
 
-def _expansion(
-    anchor: Anchor, grid: Grid, aberrations, beside, own, bends: _Bends, *, apart: bool = False
-) -> OTF:
-    """Return the expansion of the first order and of what the second adds, which is on a grid.
+def _expansion(first: OTF, grid: Grid, state, own, bends: _Bends, *, apart: bool = False) -> OTF:
+    """Return an expansion at another state: what the second order adds to the first is on a grid.
 
     Rows of the modes are left out where they are apart.
     """
-    change, further, kind = own[0], anchor.further, own.dtype
+    change, kind, k = own[0], own.dtype, own.shape[1]
 
     def here(parts):
-        return _parts_on(parts, grid, anchor.grid).astype(kind)
+        return _parts_on(parts, grid, first.grid).astype(kind)
 
-    values = from_parts(anchor.value + jnp.tensordot(own, anchor.slopes, 1) + here(bends.values))
-    tints = None
-    if anchor.chromatic is not None:
-        assert bends.tint is not None
-        weights = jnp.concatenate([jnp.ones(1, kind), change]).astype(anchor.chromatic.dtype)
-        tints = (_sums(weights, anchor.chromatic).astype(kind) + here(bends.tint))[None]
-        tints = tints if apart else jnp.concatenate([tints, anchor.chromatic[1:].astype(kind)])
-    otf = OTF(
-        values[0],
-        anchor.slopes[:0] if apart else anchor.slopes + here(bends.slopes),
-        aberrations,
-        anchor.grid,
-        anchor.names,
+    rows, tints = slice(k if apart else 0, None), first.tints
+    values = from_parts(to_parts(first.value) + _first_sum(own, first.slopes) + here(bends.values))
+    if tints is not None:
+        weights = jnp.concatenate([jnp.ones(1, kind), change]).astype(tints.dtype)
+        tint = _first_sum(weights, tints).astype(kind) + here(bends.tint)
+        tints = jnp.concatenate([tint[None], tints[1:][rows].astype(kind)])
+    return replace(
+        first,
+        value=values[0],
+        slopes=first.slopes[rows] + here(bends.slopes[rows]),
+        state=state,
         tints=tints,
-        colours=anchor.colours,
-        sigmas=further.sigmas[: further.shadings],
+        difference=values[1] - values[0] if first.of_b else None,
     )
-    if not further.names:
-        return otf
-    shifts = [_sums(jnp.concatenate([jnp.ones(1, kind), change]), anchor.shifts)]
-    shifts += [] if anchor.tinted_shifts is None else [anchor.tinted_shifts]
-    bend = None if anchor.bend is None else from_parts(anchor.bend).astype(values.dtype)
-    return with_further(otf, further, jnp.stack(shifts), bend, beside, values[1] if further.of_b else None)
 
 
 def _sums(weights, rows):
     """Sum rows with weights; a GPU would take half the digits."""
     return jnp.tensordot(weights, rows, 1, precision="highest")
+
+
+def _first_sum(weights, rows):
+    """Sum the first rows with weights."""
+    # a slice is copied, which takes longer than the sum
+    none = jnp.zeros((*weights.shape[:-1], len(rows) - weights.shape[-1]), weights.dtype)
+    return _sums(jnp.concatenate([weights, none], axis=-1), rows)
 
 
 def _pairs(k: int) -> np.ndarray:
@@ -258,8 +233,3 @@ def _pairs(k: int) -> np.ndarray:
     i, j = np.triu_indices(k)
     positions[i, j] = positions[j, i] = np.arange(len(i))
     return positions
-
-
-def _positions(anchor: Anchor) -> np.ndarray:
-    """Return the indices of the modes in which B may differ."""
-    return np.array([anchor.names.index(name) for name in anchor.further.of_b], int)

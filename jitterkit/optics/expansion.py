@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -12,7 +13,7 @@ from jaxtyping import Array, Complex
 
 from jitterkit.conventions import ARCSEC
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.optics.colours import Colours, wavenumber_offsets
+from jitterkit.optics.colours import WAVELENGTH, Colours, wavenumber_offsets
 from jitterkit.optics.focal import focal_field
 from jitterkit.optics.further import Further, with_further
 from jitterkit.optics.grid import DEFAULT_PAD, Grid
@@ -139,8 +140,10 @@ def expand(
         of_b = derivatives_at(pupil, spectrum, grid, there, order=0)[0, 0]
     if not derivatives:
         return otf if of_b is None else replace(otf, difference=of_b - otf.value)
-    shifts, bend = shift_effects(pupil, spectrum, grid, state, further, otf.value, order=0, chromatic=tinted)
-    return with_further(otf, further, _parts_of_values(shifts), bend, beside, of_b)
+    pairs = shifted(pupil, spectrum, grid, state, further, order=0, chromatic=tinted)
+    slopes, bends = _differences(pairs, otf.value, 1 + tinted)
+    bend = bends[0] if WAVELENGTH in further.names else None
+    return with_further(otf, further, slopes, bend, beside, of_b)
 
 
 @jax.jit
@@ -149,70 +152,51 @@ def _split(spectra):
     return spectra[0, 0], to_parts(spectra[0, 1:]), to_parts(spectra[1]) if len(spectra) > 1 else None
 
 
-@jax.jit
-def _parts_of_values(spectra):
-    return to_parts(spectra[:, :, 0])
+@partial(jax.jit, static_argnums=2)
+def _differences(pairs, value, count):
+    """Return first derivatives (count, s, 2, m) by the shifts, and second ones (m) of the value."""
+    slopes = [to_parts((ahead - behind)[:, 0] / (2 * step)) for ahead, behind, step in pairs]
+    bends = [(ahead[0, 0] - 2 * value + behind[0, 0]) / step**2 for ahead, behind, step in pairs]
+    none = jnp.zeros((count, 0, 2, *value.shape), value.real.dtype)
+    return jnp.stack(slopes, axis=1) if slopes else none, bends
 
 
-def shift_effects(
+def shifted(
     pupil: Pupil,
     spectrum: Spectrum,
     grid: Grid,
     state,
     further: Further,
-    value,
     *,
     order: int,
-    chromatic: bool,
-) -> tuple[Complex[Array, "c s p my mx"], Complex[Array, "my mx"] | None]:
-    """Differentiate what :func:`derivatives_at` has to an order by shifts of wavelength and plate scale.
+    chromatic: bool = False,
+) -> list[tuple[Array, Array, np.ndarray]]:
+    """Return what :func:`derivatives_at` has, a step ahead and a step behind along each shift there is.
 
-    Differences of the transfer function itself take two fifths of the time of derivatives by the chain rule,
-    and no programs of their own.
+    Differences take two fifths of the time of derivatives by the chain rule, and no programs of their own.
 
     Parameters
     ----------
-    pupil, spectrum, grid, state, chromatic
+    pupil, spectrum, grid, state, order, chromatic
         As for :func:`derivatives_at`.
     further : Further
-        Which of the two shifts there are.
-    value : (My, Mx//2 + 1) array
-        Transfer function at the state.
-    order : int
-        0 or 1.
+        Which of the shifts of wavelength and plate scale there are.
 
     Returns
     -------
-    slopes : (1 or 2, s, 1 or 1 + k, My, Mx//2 + 1) complex array
-        Per nm, and per share.
-    bend : (My, Mx//2 + 1) complex array or None
-        Second derivative of the value by the shift of the wavelength, per nm²; None where there is none.
+    pairs : list of (array, array, float)
+        Ahead, behind, and the step: nm, or a share.
     """
-    slopes, bend = [], None
-
-    def differences(order: int, longer: float, wider: float):
-        size = _SHIFT[np.finfo(value.dtype).bits][order] / max(grid.fine_shape)
+    pairs = []
+    for longer, wider in further.directions:
+        size = _SHIFT[np.finfo(jnp.result_type(float)).bits][order] / max(grid.fine_shape)
         step = np.asarray(size * (spectrum.mean if longer else 1.0))
         ahead, behind = (
             derivatives_at(pupil, spectrum, grid, state, order=order, chromatic=chromatic, shifts=shifts)
             for shifts in ((step * longer, step * wider), (-step * longer, -step * wider))
         )
-        return _differences(ahead, value, behind, step)
-
-    for direction in further.directions:
-        slope, curvature = differences(0, *direction)
-        if order:
-            slope = jnp.concatenate([slope, differences(1, *direction)[0][:, 1:]], axis=1)
-        slopes.append(slope)
-        bend = curvature if direction[0] else bend
-    rows = 1 + len(state) if order else 1
-    empty = jnp.zeros((1 + chromatic, 0, rows, grid.fine_shape[0], grid.fine_shape[1] // 2 + 1), complex)
-    return jnp.stack(slopes, axis=1) if slopes else empty, bend
-
-
-@jax.jit
-def _differences(ahead, value, behind, step):
-    return (ahead - behind) / (2 * step), (ahead[0, 0] - 2 * value + behind[0, 0]) / step**2
+        pairs.append((ahead, behind, step))
+    return pairs
 
 
 def derivatives_at(
