@@ -127,7 +127,7 @@ def free_squares(
     system = optics.system if isinstance(optics, AnchoredOptics) else optics
     if not isinstance(system, OpticalSystem) or data.model_variance is not None:
         return None
-    modes, value, held = system.nominal.names, np.array(parameters.aberrations), held_with(hold)
+    modes, value, held = system.names, np.array(parameters.aberrations), held_with(hold)
     even = chosen = [i for i in system.even_modes if modes[i] not in held]
     if not even:
         return None

@@ -38,6 +38,10 @@ T = TypeVar("T")
 _AHEAD = 3
 """Frames read ahead for each thread."""
 
+_ALONE = 5.0
+"""Seconds that the first frame has for itself: others beside it would trace and compile the same programs
+again, 2 s of a processor for ten frames of TOLIMAN."""
+
 _KEEP = 5.0
 """Seconds after which finished frames are handed out though their batch is not done."""
 
@@ -128,7 +132,7 @@ def execute(
     finished : Any
         What ``finish`` returns.
     """
-    threads = threads or cores()
+    threads, begun = threads or cores(), False
     running: deque[_Running] = deque()
     limiter, ahead = MemoryLimiter(threads), threading.Semaphore(threads * (1 + _AHEAD))
     with FrameReader(hdu) as reader, ThreadPoolExecutor(threads, "fit") as pool:
@@ -144,6 +148,9 @@ def execute(
                     ahead.acquire()
                     one.futures.append(pool.submit(limiter.run, attempt))
                     one.futures[-1].add_done_callback(lambda _: ahead.release())
+                    if not begun:
+                        wait(one.futures, _ALONE)
+                    begun = True
                     yield from _hand_out(running, finish)
             while running:
                 yield from _hand_out(running, finish, _KEEP)

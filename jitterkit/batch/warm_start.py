@@ -199,7 +199,7 @@ def warm_start(optics: Optics, choice: SceneChoice, options: FitOptions) -> Warm
     strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
     light, smaller = float(parameters.scene.flux) / strict**2, None
     # who asks for more digits has the derivatives of the whole grid
-    if strict >= 1 and ReferenceFrame.serves(parameters, optics.nominal.names, options.hold):
+    if strict >= 1 and ReferenceFrame.serves(parameters, optics.names, options.hold):
         smaller = grid_for_derivatives(parameters, optics.otf(parameters.aberrations))
     # of exactly that state: rounded to a nm in 19 modes it was off by 0.7 of its reach; second derivatives of
     # the whole grid would take most of a run's memory and of its time

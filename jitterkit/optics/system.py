@@ -97,6 +97,11 @@ class OpticalSystem:
         wavelength = 0.0 if self.colours is None else self.colours.wavelength_err * self.spectrum.mean
         return Further(len(self.pupil.shading), wavelength, self.plate_scale_sigma, self.of_b)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all that may vary of it."""
+        return (*self.pupil.names, *self.further.names)
+
     @cached_property
     def nominal(self) -> OTF:
         """Return the transfer function without aberrations, computed once."""
@@ -195,6 +200,11 @@ class FixedOptics:
     """A transfer function that is what it is: an empirical PSF, which holds the detector's diffusion too."""
 
     nominal: OTF
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all that may vary of it."""
+        return self.nominal.names
 
     def phase(self, aberrations) -> float:
         """Return zero: there are no aberrations to change."""

@@ -101,7 +101,7 @@ def find_stacked_stars(
     inside = _about_centre(np.any(used, axis=1)), _about_centre(np.any(used, axis=0))
     left, used = left[inside], used[inside]
     system = processor.instrument.system(shape=used.shape, plate_scale=stack.plate_scale)
-    exposure = _exposure(pairs, frames, stack, system.nominal.names)
+    exposure = _exposure(pairs, frames, stack, system.names)
     otf = system.otf(exposure.aberrations)
     exposure = exposure.completed(otf)
     image, variance = np.asarray(expected_image(exposure, otf)), frames * stack.read_noise**2

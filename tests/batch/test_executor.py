@@ -153,12 +153,20 @@ def test_many_more_frames_are_not_held_than_are_worked_on(night, processor, monk
     assert most <= 2 * 4 + 2
 
 
-def test_while_one_frame_takes_long_no_more_than_the_next_batch_is_read(night):
+def test_while_one_frame_takes_long_no_more_than_the_next_batch_is_read(night, monkeypatch):
     """The others' images wait for it to come out in order."""
+    monkeypatch.setattr("jitterkit.batch.executor._ALONE", 0.1)
     task = Numbers()
     batches = [Batch(number, ((night[0], 0),)) for number in range(20)]
     assert list(execute(batches, task, results, threads=2)) == [(0, [number]) for number in range(20)]
     assert set(task.early) == {0, 1, None}
+
+
+def test_the_first_frame_is_alone_until_it_is_done(night):
+    """Others beside it would compile the same programs again."""
+    task = Numbers()
+    list(execute([Batch(number, ((night[0], 0),)) for number in range(3)], task, results, threads=2))
+    assert task.early == [0, None]
 
 
 class Numbers:
