@@ -22,6 +22,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import AsinhNorm, Normalize
 from matplotlib.figure import Figure
 from PIL import Image
+from scipy.spatial import cKDTree
 
 from jitterkit.report.words import angle_unit
 
@@ -106,10 +107,9 @@ def small_png(ax: Axes) -> bytes:
     indices = np.zeros(1 << 24, np.uint8)  # to sort the pixels instead takes several times as long
     indices[pixels] = 1
     colours = np.flatnonzero(indices)
-    rgb = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1).astype(np.int32)
+    rgb = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1)
     palette = _palette()
-    squares = (palette.astype(np.int64) ** 2).sum(axis=1) - 2 * rgb.astype(np.int64) @ palette.T
-    indices[colours] = np.argmin(squares, axis=1)
+    indices[colours] = cKDTree(palette).query(rgb)[1]
     small = Image.fromarray(indices[pixels], "P")
     small.putpalette(palette.astype(np.uint8).ravel().tolist())
     buffer = io.BytesIO()
