@@ -102,7 +102,14 @@ def small_png(ax: Axes) -> bytes:
     figure.set(dpi=130.0, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    rgba = np.asarray(canvas.buffer_rgba())
+    return _in_few_colours(np.asarray(canvas.buffer_rgba()))
+
+
+def _in_few_colours(rgba: np.ndarray) -> bytes:
+    """Encode an image (ny, nx, 4) in the palette.
+
+    Apart from the drawing, in which exceptions keep the arrays of all callers until garbage is collected.
+    """
     pixels = rgba[..., :3].astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     indices = np.zeros(1 << 24, np.uint8)  # to sort the pixels instead takes several times as long
     indices[pixels] = 1
