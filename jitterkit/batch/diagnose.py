@@ -27,7 +27,7 @@ from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
-from jitterkit.scene import Stars
+from jitterkit.scene import Binary, Stars
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,11 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
         result = result.remarked(f"{remark}{together}", "sign_unknown")
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
-    minor, error = minor_variance(*result.moments())  # two still stars could look as a straight jitter does
-    return result if minor > LIMITS.below * error else result.remarked(found.ambiguity, "maybe_pair")
+    minor, error = minor_variance(*result.moments())
+    # two still stars look as a straight jitter of one does, two of any jitter as a path of one
+    straight = not minor > LIMITS.below * error
+    alike = straight or result.locus == "path" or (p is not None and p.scene.name == Binary.name)
+    return result.remarked(found.ambiguity, "maybe_pair") if alike else result
 
 
 def classify(

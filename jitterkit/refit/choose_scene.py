@@ -10,8 +10,8 @@
    stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
    and they are weighed by their evidence.  Two are fitted with straight blurs too where one needs more than a
-   simple locus, and one with every locus where two with jitter are more probable.  Two stars closer than the
-   resolution and a straight blur are nearly the same image.
+   simple locus, and one with every locus where two with jitter are more probable, and on a path that dwells
+   where the two are.  Two stars closer than the resolution and a straight blur are nearly the same image.
 """
 
 from __future__ import annotations

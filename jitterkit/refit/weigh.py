@@ -47,6 +47,16 @@ def weigh(tried: Sequence[FitResult], evidence: Sequence[float]) -> tuple[Candid
     return tuple(sorted(candidates, key=lambda one: -one.weight))
 
 
+def with_candidate(
+    candidates: tuple[Candidate, ...], fit: FitResult, evidence: float
+) -> tuple[Candidate, ...]:
+    """Return candidates with one more, or another fit in place of one, weighed again."""
+    every = [one for one in candidates if one.locus != fit.locus] + list(weigh([fit], [evidence]))
+    odds = np.exp([one.evidence - max(one.evidence for one in every) for one in every])
+    weighed = [replace(one, weight=float(w)) for one, w in zip(every, odds / odds.sum(), strict=True)]
+    return tuple(sorted(weighed, key=lambda one: -one.weight))
+
+
 def _moments(fit: FitResult) -> tuple[float, float, float]:
     if fit.parameters is None:
         return np.nan, np.nan, np.nan

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -22,12 +22,13 @@ from jitterkit.loci import Mvn, principal_axes
 from jitterkit.optics import Optics
 from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.choose import DETECTED, fit_best_locus
+from jitterkit.refit.dwell import fit_dwelling_star, log_maxima, over_orders
 from jitterkit.refit.evidence import CHOICES, log_volume
 from jitterkit.refit.fit import FitOptions
-from jitterkit.refit.locus_fit import fit_locus
+from jitterkit.refit.locus_fit import FrameFits, fit_locus
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
-from jitterkit.refit.weigh import weight_of_evidence
+from jitterkit.refit.weigh import describe_undecided, weight_of_evidence, with_candidate
 from jitterkit.scene import Binary
 
 __all__ = ["COMPANIONS", "FAINTEST", "Weighing"]
@@ -63,7 +64,10 @@ _LAST = max(choice.tier for choice in CHOICES.values())
 """Tier of the loci that are tried only where no other describes a frame."""
 
 _ALIKE = 9.0
-"""Deviance by which a pair may fit worse than one star, and look like it."""
+"""Deviance by which a scene may fit worse than another, and look like it."""
+
+_OF_EITHER = ("stable", "path")
+"""Loci with which a scene may look like the other: two still stars like one, and one on a path like two."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +110,16 @@ class Weighing:
         if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
             one = _best([one, *self.readings_of_star(star, every=True)])
             two = self.best_pair(near, one.fit) if one.evidence > two.evidence else two
+        if two.evidence > one.evidence and two.fit.locus != "stable":
+            one = self.dwelling(one, two)
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
             log_odds = math.inf if two.fit.objective < one.fit.objective - _ALIKE else -math.inf
+        chosen, other = (two, one) if log_odds > 0 else (one, two)
         close = two.fit.of_scene("separation") < self.fineness
-        as_well = two.fit.locus == "stable" and two.fit.objective < one.fit.objective + _ALIKE
-        alike = log_odds > -DECIDED or bool(close and as_well)
-        chosen = two if log_odds > 0 else one
+        as_well = other.fit.locus in _OF_EITHER and other.fit.objective < chosen.fit.objective + _ALIKE
+        alike = abs(log_odds) < DECIDED or bool(close and as_well)
         start = self.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
@@ -187,6 +193,35 @@ class Weighing:
             yield self.jittered(start, max(fits, key=lambda fit: weights[fit.locus]), weights, seen=seen)
         if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
             yield self.still(start, self.common(start))
+
+    def dwelling(self, one: _Reading, two: _Reading) -> _Reading:
+        """One star as it was read, or on a path that dwells where a pair's stars are, if more probable."""
+        frame = FrameFits(self.data, self.optics, self.options, sure=True)
+        path = fit_dwelling_star(frame, two.fit, one.fit)
+        if path is None:
+            return one
+        reading = self.on_path(one, path, weight_of_evidence(path))
+        if two.evidence - reading.evidence < log_maxima(path) + DECIDED:
+            reading = self.on_path(one, *over_orders(frame, path))
+        return _best([one, reading])
+
+    def on_path(self, one: _Reading, path: FitResult, evidence: float) -> _Reading:
+        """Return the reading of a star whose fit with a path is another one."""
+        before = one.fit
+        candidates = with_candidate(before.candidates, path, evidence)
+        message = " ".join(filter(None, [path.message, describe_undecided(candidates)]))
+        fit = replace(
+            path,
+            message=message,
+            candidates=candidates,
+            tried=tuple(dict.fromkeys([*before.tried, path.locus])),
+            shape=before.shape,
+            shape_err=before.shape_err,
+            straight=before.straight,
+            seconds=before.seconds + path.seconds,
+        )
+        # by itself, as a pair's normal is: a mean with worse loci would lower it
+        return self.jittered(one.start, fit, {path.locus: evidence}, seen=True)
 
     def common(self, start: Start, fit: FitResult | None = None):
         """Return the arguments of fits that begin at a start or where one ended."""

@@ -28,7 +28,7 @@ FLAGS: dict[str, str] = {
     "dark_not_subtracted": "the exposure is not known, so the dark current was not subtracted",
     "rays_masked": "pixels hit by cosmic rays were found by the fit and masked",
     "outlier": "the frame contradicts the others of its sequence and was not counted",
-    "maybe_pair": "one star whose motion is straight was fitted, or two close ones: both look alike",
+    "maybe_pair": "one star that moves was fitted, or two close ones: both look alike",
     "outliers_left_out": "single pixels that do not belong to the image were found and left out",
     "blur_varies": "the stars of the field differ in their blur: the PSF changes over it, or it rolled",
     "faint_companion": "the companion is faint and close enough to be an error of the optics",

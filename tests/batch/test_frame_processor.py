@@ -245,6 +245,20 @@ def test_only_a_straight_jitter_looks_like_the_pair_that_others_of_the_run_may_s
     assert ("maybe_pair" in result.flags) == ("two" in result.message) == flagged
 
 
+@pytest.mark.parametrize(("ambiguity", "flagged"), [("It may be one.", True), ("", False)])
+def test_a_pair_that_a_path_of_one_star_fits_as_well_is_flagged_whatever_its_jitter(
+    ambiguity, flagged, telescope
+):
+    moments, covariance = np.array([0.04, 0.0, 0.02]), np.eye(5) * 1e-6
+    p = Parameters(Binary(0.6, 70.0, 0.0, 0.0, 1e5, 2.0), Mvn.near(moments), np.zeros(2))
+    names = ("separation", "contrast", *Mvn.names)
+    fit = FitResult(Status.OK, "", parameters=p, names=names, covariance=covariance)
+    estimate = KernelEstimate(moments, np.eye(3) * 1e-6, "score")
+    found = steps.SceneEstimate(None, p, estimate, telescope.system(), ambiguity=ambiguity)
+    result = steps.diagnose(Frame(np.ones((40, 40)), 1.0, plate_scale=0.375), found, fit, 0.375)
+    assert ("maybe_pair" in result.flags) == ("one" in result.message) == flagged
+
+
 @pytest.mark.parametrize("fitted", [("noll4", "noll5"), ("noll4",), ()])
 def test_signs_that_no_image_shows_are_spoken_of(fitted, telescope):
     pupil = obstructed_circle(0.125, 0.04, noll=(4, 5, 7), samples=64)  # its own mirror image

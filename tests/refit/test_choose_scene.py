@@ -12,7 +12,7 @@ from jitterkit.forward import Parameters
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
 from jitterkit.locate import locate_binary
-from jitterkit.loci import Linear, Mvn, PartialShm, Shm, Stable, Tones
+from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
 from jitterkit.scene import Binary, Star
@@ -78,6 +78,14 @@ def test_a_star_that_dwells_at_both_ends_of_its_motion_is_weighed_though_a_pair_
     pair, star = frame.pair(), frame.star()
     assert star.deviance_dof - 1 > 4 * (pair.deviance_dof - 1)
     assert not frame.comes_nearer(pair, star)
+
+
+def test_a_star_that_dwells_at_two_places_of_a_walk_is_not_a_pair_for_certain(chosen):
+    """Odds were e^11 for a pair, though a path fits better: its fit began between the two places."""
+    along = 0.7 * np.array([0.0, 0.1, -0.1, 0.0, 0.1, 1.0, 1.1, 1.0])
+    across = 0.2 * np.array([1.0, -1.0, 1.0, -0.5, -1.0, 1.0, -1.0, 0.5])
+    choice = chosen(ALONE(1e5), Path.of(np.stack([along, across], axis=1)))
+    assert choice.scene == "star" or choice.undecided
 
 
 def aberrated(scene, locus, rng, name="toliman", rms=8.0):
