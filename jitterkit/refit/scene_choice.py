@@ -58,7 +58,7 @@ class SceneChoice:
         Both scenes, in words, where both were fitted.
     alike : bool
         Whether the odds are below 20 to 1; or a pair is closer than the resolution, and without jitter fits
-        the frame as well as one star, or one star on a path as well as the pair, so that only the priors
+        the frame as well as one star, or fits as well as one star on a path, so that only the priors
         distinguish them.
     fit : FitResult or None
         Of one star with the best of the loci, by the options that were given, if it was made and is chosen.

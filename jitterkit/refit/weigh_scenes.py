@@ -66,9 +66,6 @@ _LAST = max(choice.tier for choice in CHOICES.values())
 _ALIKE = 9.0
 """Deviance by which a scene may fit worse than another, and look like it."""
 
-_OF_EITHER = ("stable", "path")
-"""Loci with which a scene may look like the other: two still stars like one, and one on a path like two."""
-
 
 @dataclass(frozen=True)
 class _Reading:
@@ -118,8 +115,9 @@ class Weighing:
             log_odds = math.inf if two.fit.objective < one.fit.objective - _ALIKE else -math.inf
         chosen, other = (two, one) if log_odds > 0 else (one, two)
         close = two.fit.of_scene("separation") < self.fineness
-        as_well = other.fit.locus in _OF_EITHER and other.fit.objective < chosen.fit.objective + _ALIKE
-        alike = abs(log_odds) < DECIDED or bool(close and as_well)
+        as_well = other.fit.objective < chosen.fit.objective + _ALIKE
+        may_be_either = other.fit.locus == "stable" or one.fit.locus == "path"
+        alike = abs(log_odds) < DECIDED or bool(close and as_well and may_be_either)
         start = self.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
