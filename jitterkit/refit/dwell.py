@@ -36,13 +36,12 @@ that is thousands above takes 15 s."""
 
 _ORDERS = 5
 """Orders of the positions that are fitted, a second each.  Evidences of those of a walk that looks like a
-pair scattered by 1.5, so that their mean is known to 0.7."""
+pair scattered by 1.5, so that their median is known to 0.8."""
 
 _MAXIMA = 100.0
 """Maxima that the orders of six positions or more lead to, for a walk that looks like a pair: of fits from 36
 orders of six positions four pairs ended at one maximum, of eight seven, which makes some 160 and 90.  All
-others were nine standard errors apart or more.  The mean of 109 and 69 orders of a walk of 0.7 resolutions
-times this was the sum over the maxima found, to 0.9 and 0.4 in its logarithm."""
+others were nine standard errors apart or more."""
 
 
 def fit_dwelling_star(frame: FrameFits, pair: FitResult, star: FitResult) -> FitResult | None:
@@ -88,7 +87,8 @@ def over_orders(frame: FrameFits, path: FitResult) -> tuple[FitResult, float]:
     best : FitResult
         The most probable that was met.
     evidence : float
-        Its logarithm: their mean times the number of maxima, but no less than the best by itself.
+        Its logarithm: their median times the number of maxima, but no less than the best by itself.  A mean
+        would count one that stands out among five as a fifth of all: so two true pairs were read as one star.
     """
     assert path.parameters is not None
     locus, rng = path.parameters.locus, np.random.default_rng(0)
@@ -101,8 +101,8 @@ def over_orders(frame: FrameFits, path: FitResult) -> tuple[FitResult, float]:
         others.append(_fit(frame, start, frame.optics.otf(start.aberrations)))
     found = [fit for fit in others if fit is not None]
     best = max([path, *found], key=weight_of_evidence)
-    together = np.logaddexp.reduce([weight_of_evidence(fit) for fit in found], initial=-math.inf)
-    return best, max(weight_of_evidence(best), float(together) - math.log(_ORDERS) + log_maxima(path))
+    known = [weight_of_evidence(fit) for fit in found] + [-math.inf] * (_ORDERS - len(found))
+    return best, max(weight_of_evidence(best), float(np.median(known)) + log_maxima(path))
 
 
 def log_maxima(path: FitResult) -> float:

@@ -218,8 +218,8 @@ class Weighing:
             straight=before.straight,
             seconds=before.seconds + path.seconds,
         )
-        # by itself, as a pair's normal is: a mean with worse loci would lower it
-        return self.jittered(one.start, fit, {path.locus: evidence}, seen=True)
+        weights = dict.fromkeys(CHOICES, -math.inf) | {c.locus: c.evidence for c in candidates}
+        return self.jittered(one.start, fit, weights, seen=True)
 
     def common(self, start: Start, fit: FitResult | None = None):
         """Return the arguments of fits that begin at a start or where one ended."""
