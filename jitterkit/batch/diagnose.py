@@ -25,6 +25,7 @@ from jitterkit.optics import OTF, AnchoredOptics
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.boundary import minor_variance
+from jitterkit.refit.evidence import is_intricate
 from jitterkit.refit.lacking_wavefront import describe_lacking_wavefront
 from jitterkit.refit.over_field import describe_field_variation
 from jitterkit.scene import Binary, Stars
@@ -152,9 +153,9 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
     if not result.status.usable or "jitter_undetected" in result.flags:
         return result
     minor, error = minor_variance(*result.moments())
-    # two still stars look as a straight jitter of one does, two of any jitter as a path of one
+    # two still stars look as a straight jitter of one does, two of any jitter as an intricate one of one
     straight = not minor > LIMITS.below * error
-    alike = straight or result.locus == "path" or (p is not None and p.scene.name == Binary.name)
+    alike = straight or is_intricate(result.locus) or (p is not None and p.scene.name == Binary.name)
     return result.remarked(found.ambiguity, "maybe_pair") if alike else result
 
 

@@ -200,3 +200,8 @@ CHOICES: dict[str, Choice] = {
     "path": Choice(3, _path),
 }
 """The loci among which ``--locus auto`` chooses.  To have it try another one, add an entry here."""
+
+
+def is_intricate(locus: str) -> bool:
+    """Return whether a locus, by its name, is one that is tried only if no simple one fits."""
+    return locus in CHOICES and not CHOICES[locus].is_simple

@@ -23,7 +23,7 @@ from jitterkit.optics import Optics
 from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.choose import DETECTED, fit_best_locus
 from jitterkit.refit.dwell import fit_dwelling_star, log_maxima, over_orders
-from jitterkit.refit.evidence import CHOICES, log_volume
+from jitterkit.refit.evidence import CHOICES, is_intricate, log_volume
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import FrameFits, fit_locus
 from jitterkit.refit.result import FitResult, Status
@@ -101,30 +101,43 @@ class Weighing:
         one = _best(self.readings_of_star(star))
         # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
-        two = self.best_pair(near, one.fit)
+        of_pairs = self.readings_of_pairs(near, one.fit)
+        two = _best(of_pairs)
         every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
         # one star may move in another way; two that are still are simpler than that
         if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
             one = _best([one, *self.readings_of_star(star, every=True)])
-            two = self.best_pair(near, one.fit) if one.evidence > two.evidence else two
+            of_pairs = self.readings_of_pairs(near, one.fit) if one.evidence > two.evidence else of_pairs
+            two = _best(of_pairs)
         if two.evidence > one.evidence and two.fit.locus != "stable":
             one = self.dwelling(one, two)
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
             log_odds = math.inf if two.fit.objective < one.fit.objective - _ALIKE else -math.inf
-        chosen, other = (two, one) if log_odds > 0 else (one, two)
-        close = two.fit.of_scene("separation") < self.fineness
-        as_well = other.fit.objective < chosen.fit.objective + _ALIKE
-        may_be_either = other.fit.locus == "stable" or one.fit.locus == "path"
-        alike = abs(log_odds) < DECIDED or bool(close and as_well and may_be_either)
+        chosen = two if log_odds > 0 else one
+        tried = [two] if chosen is two else [two, *of_pairs]
+        like = [pair for pair in tried if self.look_alike(one, pair, chosen)]
+        alike = abs(log_odds) < DECIDED or bool(like)
         start = self.prepared(chosen) if _is_split(chosen.start) else chosen.start
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
-        return SceneChoice(start, log_odds, f"{_describe(one)}, or {_describe(two)}", alike, fit, evidence)
+        readings = f"{_describe(one)}, or {_describe(like[0] if like else two)}"
+        return SceneChoice(start, log_odds, readings, alike, fit, evidence)
 
-    def best_pair(self, pairs: list[Start], star: FitResult) -> _Reading:
-        """The most probable of the pairs that may be read instead of a star.
+    def look_alike(self, star: _Reading, pair: _Reading, chosen: _Reading) -> bool:
+        """Return whether a pair closer than the resolution and a star fit as well, the one that is chosen.
+
+        Then the image decides nothing: two stars may be still or, of an intricate jitter, of any jitter.  A
+        pair may have no evidence, where its separation is hardly determined.
+        """
+        other = pair if chosen is star else star
+        as_well = other.fit.objective < chosen.fit.objective + _ALIKE
+        may_be_either = other.fit.locus == "stable" or is_intricate(star.fit.locus)
+        return bool(pair.fit.of_scene("separation") < self.fineness and as_well and may_be_either)
+
+    def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[_Reading]:
+        """The pairs that may be read instead of a star.
 
         Those that a normal blur brings near the frame are fitted with straight ones too, if the star needs
         more than a simple locus or a normal is not enough.
@@ -135,7 +148,7 @@ class Weighing:
         near = [fit.objective - used < max(_NEARLY * least, least + _ALIKE) for fit in normals]
         intricate = [is_near and _needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
         readings = map(self.readings_of_pair, pairs, normals, intricate)
-        return _best(reading for of_pair in readings for reading in of_pair)
+        return [reading for of_pair in readings for reading in of_pair]
 
     def is_worse(self, pair: Start, star: FitResult) -> bool:
         """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
@@ -279,8 +292,7 @@ def _has_a_size(fit: FitResult) -> bool:
 
 def _needs_more(star: FitResult, normal: FitResult) -> bool:
     """Return whether one star needs more than a simple locus, or a pair more than a normal."""
-    choice = CHOICES.get(star.locus)
-    simple = star.status is Status.OK and (choice is None or choice.is_simple)
+    simple = star.status is Status.OK and not is_intricate(star.locus)
     return normal.parameters is not None and (not simple or normal.status is not Status.OK)
 
 

@@ -15,6 +15,7 @@ from jitterkit.locate import locate_binary
 from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
+from jitterkit.refit.weigh_scenes import Weighing, _Reading
 from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
@@ -86,6 +87,32 @@ def test_a_star_that_dwells_at_two_places_of_a_walk_is_not_a_pair_for_certain(ch
     across = 0.2 * np.array([1.0, -1.0, 1.0, -0.5, -1.0, 1.0, -1.0, 0.5])
     choice = chosen(ALONE(1e5), Path.of(np.stack([along, across], axis=1)))
     assert choice.scene == "star" or choice.undecided or choice.ambiguity
+
+
+@pytest.mark.parametrize(
+    ("of_star", "of_pair", "separation", "worse", "alike"),
+    [
+        ("path", "mvn", 0.5, 8.0, True),
+        ("smear", "mvn", 0.5, -2.0, True),
+        ("linear", "stable", 0.5, 8.0, True),
+        ("linear", "mvn", 0.5, -2.0, False),  # a freer jitter fits as well in any case
+        ("path", "mvn", 0.5, 10.0, False),
+        ("path", "mvn", 1.5, 8.0, False),
+    ],
+)
+def test_a_close_pair_that_fits_as_well_looks_like_an_intricate_star_though_it_has_no_evidence(
+    of_star, of_pair, separation, worse, alike, bench
+):
+    """Of pairs at half a resolution two of eight were a star on a path: the pair's errors were infinite."""
+    weighing = Weighing(None, bench.optics, FitOptions(), False)
+    pair = Binary(separation * weighing.fineness, 30.0, 0.0, 0.0, 1e5, 2.0)
+    shown = [Parameters(scene, Mvn.of(0.1), (4.0, -3.0)) for scene in (ALONE(1e5), pair)]
+    fits = [
+        FitResult(Status.OK, "", parameters=one, locus=locus, objective=objective)
+        for one, locus, objective in zip(shown, (of_star, of_pair), (4000.0, 4000.0 + worse), strict=True)
+    ]
+    star, two = _Reading(None, fits[0], -2000.0), _Reading(None, fits[1], -math.inf)
+    assert weighing.look_alike(star, two, star) == alike
 
 
 def aberrated(scene, locus, rng, name="toliman", rms=8.0):
