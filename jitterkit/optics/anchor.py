@@ -115,13 +115,18 @@ class Anchor(eqx.Module):
 
         The point spread function is cut there; what it has beyond is lost.
         """
-        return _cut(self, grid)
+        second = self.second if self.second.grid == grid else _second_on(self.second, grid)
+        return Anchor(_first_on(self.first, grid), second, self.further)
 
 
 @eqx.filter_jit
-def _cut(anchor: Anchor, grid: Grid) -> Anchor:
-    first, second = anchor.first, anchor.second
-    cut = replace(
+def _second_on(second: SecondOrder, grid: Grid) -> SecondOrder:
+    return replace(jax.tree.map(lambda rows: _parts_on(rows, second.grid, grid), second), grid=grid)
+
+
+@eqx.filter_jit
+def _first_on(first: OTF, grid: Grid) -> OTF:
+    return replace(
         first,
         value=resized(first.value, first.grid, grid),
         slopes=_parts_on(first.slopes, first.grid, grid),
@@ -129,8 +134,6 @@ def _cut(anchor: Anchor, grid: Grid) -> Anchor:
         bend=None if first.bend is None else resized(first.bend, first.grid, grid),
         grid=grid,
     )
-    second = jax.tree.map(lambda rows: _parts_on(rows, second.grid, grid), second)
-    return Anchor(cut, replace(second, grid=grid), anchor.further)
 
 
 def _parts_on(parts, grid: Grid, other: Grid):

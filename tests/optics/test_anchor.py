@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, Pupil, expand, lines
+from jitterkit.optics.colours import Colours
 
 STATE = np.array([3.0, -2.0, 0.0, 5.0, 1.0, -4.0, 2.0])
 CHANGE = np.array([1.0, -0.5, 0.3, 0.2, 0.7, 0.1, -1.0])
@@ -57,6 +58,19 @@ def test_of_segments_that_share_no_light_the_second_derivatives_are_those_of_fin
         real, imaginary = np.einsum("i,ijcyx,j->cyx", change, np.asarray(anchor.second.curvature), change)
         # both are of the size of (2 pi 2/540)², and differences err by that over 12 of it
         assert largest(before - 2 * here + after - (real + 1j * imaginary)) < (2 * np.pi * 2 / 540) ** 4 / 12
+
+
+def test_second_derivatives_on_a_smaller_grid_are_those_of_the_whole_one_cut(system, anchor):
+    """Colours and a shift of the wavelength included."""
+    known = Colours((0.5, -0.5), 0.3, wavelength_err=5e-4)
+    coloured = replace(system, colours=known, grid=replace(system.grid, pad=16))
+    cut = Anchor.at(coloured, STATE).within(system.grid)
+    small = Anchor.at(coloured, STATE, system.grid)
+    assert cut.second.curvature.shape[:2] == (len(STATE), len(STATE) + 1)
+    for part in ("curvature", "chromatic"):
+        there, here = getattr(cut.second, part), getattr(small.second, part)
+        assert largest(there - here) < 1e-4 * largest(there)  # steps of differences are shares of a grid
+    assert small.within(system.grid).second is small.second  # 60 MB of TOLIMAN, which are not copied
 
 
 def test_diffused_charge_is_in_the_anchor(system):
