@@ -15,16 +15,11 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.loci.csv_table import (
-    assumed_units,
-    csv_rows,
-    heading,
-    refuse_half_stated,
-    refuse_unit_in_comment,
-    row_numbers,
-    unit_factor,
-)
+from jitterkit.loci.csv_comments import refuse_unit_in_comment
+from jitterkit.loci.csv_table import csv_rows, heading, row_numbers
+from jitterkit.loci.csv_units import assumed_units, refuse_half_stated, unit_factor
 from jitterkit.loci.trace_locus import COLUMNS, check_trace, trace_gaps
+from jitterkit.loci.trace_times import dates_to_seconds
 
 MISSING_WORDS = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 """Cells of a table without a value, in lower case."""
@@ -179,7 +174,8 @@ def read_trace(
     ----------
     path : str or Path
         A line ``t,x,y`` and then numbers: seconds, ascending, and arcsec, unless a unit in brackets follows
-        the name: ``t [ms],x [mas],y [mas]``.  Rates ``t,wx,wy``, in arcsec/s without a unit, are integrated,
+        the name: ``t [ms],x [mas],y [mas]``.  Times may be dates (ISO 8601, UTC unless they name a zone),
+        which become seconds since 1970.  Rates ``t,wx,wy``, in arcsec/s without a unit, are integrated,
         as are columns whose unit is one of a rate.  Empty lines and lines that begin with ``#`` are skipped.
     rates : str, optional
         Unit of rates whose header does not say that they are, or in what unit: ``deg/s``.
@@ -206,13 +202,15 @@ def read_trace(
     path = pathlib.Path(path)
     cells = csv_rows(path, "give a CSV of t,x,y")
     try:
-        factors, integrate = _columns(cells[0][1] if cells else [], rates)
+        header = cells[0][1] if cells else []
+        rows, dated = dates_to_seconds(cells[1:], heading(header[0])[1] if header else "")
+        factors, integrate = _columns([heading(header[0])[0], *header[1:]] if dated else header, rates)
         if not rates:
-            refuse_unit_in_comment(path, cells[0][1])
-        table = np.array([row_numbers(row, COLUMNS, MISSING_WORDS) for row in cells[1:]]).reshape(-1, 3)
+            refuse_unit_in_comment(path, header)
+        table = np.array([row_numbers(row, COLUMNS, MISSING_WORDS) for row in rows]).reshape(-1, 3)
         table, sentences = without_missing(table, COLUMNS)
         if len(table) < 2:
-            table = np.array([row_numbers(row, COLUMNS) for row in cells[1:]]).reshape(-1, 3)
+            table = np.array([row_numbers(row, COLUMNS) for row in rows]).reshape(-1, 3)
         t, x, y = (table * factors).T
         check_trace(t, x, y)
         if not integrate:
@@ -223,7 +221,7 @@ def read_trace(
         (log or warnings.warn)(f"{path}: {sentence}")
     if log is not None and not rates:
         of_angle = "arcsec/s" if integrate else "arcsec"
-        for sentence in assumed_units(cells[0][1], ("s", of_angle, of_angle)):
+        for sentence in assumed_units(header, ("UTC" if dated else "s", of_angle, of_angle)):
             log(sentence)
     if integrate:
         x, y = _integral(t, np.stack([x, y], axis=1)).T

@@ -13,7 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jitterkit.errors import ConfigurationError, ErrorCode, one_of
-from jitterkit.loci import csv_table, is_trace, read_trace
+from jitterkit.loci import is_trace, read_trace
+from jitterkit.loci.csv_comments import refuse_unit_in_comment
+from jitterkit.loci.csv_table import CsvRow, comment_lines, csv_rows, heading, row_numbers
+from jitterkit.loci.csv_units import assumed_units, is_per_frequency, refuse_half_stated, unit_factor
 from jitterkit.motion.bins import KINDS, gaps_between, recognise_rows, spectrum_of_bins
 from jitterkit.motion.record import Record
 from jitterkit.motion.spectrum import Line, PowerSpectrum
@@ -82,7 +85,7 @@ def read_motion(
     path = Path(path)
     if kind is not None:
         one_of("kind of rows", kind, KINDS)
-    rows = csv_table.csv_rows(path, _FORMATS)
+    rows = csv_rows(path, _FORMATS)
     trace = bool(rows) and is_trace(rows[0][1])
     if (trace and kind is not None) or (not trace and rates is not None):
         given, other = ("--kind", "densities") if trace else ("--rates", "a trace")
@@ -90,7 +93,7 @@ def read_motion(
     if trace:
         return Record(*read_trace(path, rates, log))
     try:
-        csv_table.refuse_unit_in_comment(path, rows[0][1] if rows else ())
+        refuse_unit_in_comment(path, rows[0][1] if rows else ())
         densities, lines = _tables(rows, log)
         random = _random(densities, kind, _stated_sides(path), log)
     except ConfigurationError as error:
@@ -105,9 +108,9 @@ class _Header(NamedTuple):
     factors: tuple[float, ...]
     units: tuple[str, ...]
 
-    def numbers(self, row: csv_table.CsvRow) -> dict[str, float]:
+    def numbers(self, row: CsvRow) -> dict[str, float]:
         """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
-        values = csv_table.row_numbers(row, self.names)
+        values = row_numbers(row, self.names)
         columns = zip(self.names, values, self.factors, self.units, strict=True)
         return {
             name: (value * factor) ** (2 if _ROOT in unit else 1) for name, value, factor, unit in columns
@@ -116,7 +119,7 @@ class _Header(NamedTuple):
 
 def _header(cells: list[str]) -> _Header | None:
     """Read a header; None of a line that is none."""
-    cut = [csv_table.heading(cell) for cell in cells]
+    cut = [heading(cell) for cell in cells]
     names = tuple(re.sub(r"^(psd|asd)_?(?=[xy])|_(psd|asd)$", "", name) for name, _ in cut)
     names = tuple("f" if name in ("frequency", "freq") and "x" in names else name for name in names)
     if names not in (_DENSITIES[:3], _DENSITIES, _LINES[:3], _LINES):
@@ -124,7 +127,7 @@ def _header(cells: list[str]) -> _Header | None:
     factors, kinds = [], []
     for name, (written, unit) in zip(names, cut, strict=True):
         wanted = _UNITS[name][::-1] if "asd" in written else _UNITS[name]
-        factor, kind = csv_table.unit_factor(name, unit or wanted[0], *wanted)
+        factor, kind = unit_factor(name, unit or wanted[0], *wanted)
         if kind != wanted[0] and ("asd" in written or "psd" in written):
             problem = f"the column {written} has the unit {unit}"
             raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct the name or the unit.")
@@ -134,19 +137,22 @@ def _header(cells: list[str]) -> _Header | None:
     if any(roots) and not all(roots):
         problem = f"{','.join(cells)!r} mixes densities and their roots"
         raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; give x and y alike, and no xy with roots.")
+    if "rad" in cut[0][1] and names[0] == "f" and not all(is_per_frequency(unit) for _, unit in cut[1:]):
+        problem = f"{','.join(cells)!r} has frequencies in rad/s, and densities per Hz or per rad/s"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; write which behind x and y.")
     alike = [(cell, unit) for cell, (_, unit), name in zip(cells, cut, names, strict=True) if name in _ALIKE]
-    csv_table.refuse_half_stated(*zip(*alike, strict=True))
+    refuse_half_stated(*zip(*alike, strict=True))
     return _Header(names, tuple(factors), tuple(kinds))
 
 
-def _tables(rows: list[csv_table.CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
+def _tables(rows: list[CsvRow], log: Log) -> tuple[list[dict[str, float]], list[Line]]:
     """Return the rows of densities and the lines of a file."""
     tables: dict[str, list[dict[str, float]]] = {}
     header: _Header | None = None
     for n, cells in rows:
         if (new := _header(cells)) is not None:
             header = new
-            for sentence in csv_table.assumed_units(cells, header.units):
+            for sentence in assumed_units(cells, header.units):
                 log(sentence)
             if header.names[0] in tables:
                 problem = f"line {n} begins a second table of one kind; put all its rows into one."
@@ -260,8 +266,7 @@ _STATED = re.compile(
 
 def _stated_sides(path: Path) -> str | None:
     """Return whether comments say that densities are ``one``- or ``two``-sided; None if they do not say."""
-    with path.open(encoding="utf-8-sig") as handle:
-        comments = " ".join(line for line in handle if line.startswith("#")).lower()
+    comments = " ".join(line for _, line in comment_lines(path)).lower()
     found = set()
     for no, kind, false, other in _STATED.findall(re.sub("[_\u2010-\u2015]", "-", comments)):
         one = (kind or other) in ("one", "single", "1", "uni")

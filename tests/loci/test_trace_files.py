@@ -256,3 +256,36 @@ def test_a_number_of_the_table_itself_says_its_unit(words, write):
         read_trace(write(f"# {words.format(**numbers)}\nt,x,y", t, x, y))
     with_another = {name: 1.4 * number for name, number in numbers.items()}
     np.testing.assert_allclose(read_trace(write(f"# {words.format(**with_another)}\nt,x,y", t, x, y))[1], x)
+
+
+@pytest.mark.parametrize(
+    ("header", "times"),
+    [
+        ("t", ["2026-02-28T23:59:59.75", "2026-03-01T00:00:00.25", "2026-03-01T00:00:01"]),
+        ("time [UTC]", ["2026-02-28 23:59:59.75Z", "2026-03-01 00:00:00.25Z", "2026-03-01 00:00:01Z"]),
+        ("t", ["2026-03-01T01:59:59.75+02:00", "2026-03-01T02:00:00.25+02:00", "2026-03-01T02:00:01+02:00"]),
+    ],
+)
+def test_times_may_be_dates(header, times, tmp_path):
+    path = tmp_path / "trace.csv"
+    path.write_text(f"{header},x,y\n" + "".join(f"{when},{k},0\n" for k, when in enumerate(times)))
+    np.testing.assert_allclose(read_trace(path, log=str)[0] - T_MARCH, [-0.25, 0.25, 1], atol=1e-6)
+
+
+T_MARCH = 1772323200
+"""1 March 2026, seconds since 1970: 56 years of 365 days, 14 leap days and 59 days."""
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "values"),
+    [
+        ("t [ms],x,y\n2026-03-01T00:00:00,0,0\n2026-03-01T00:00:01,1,0\n", ErrorCode.CONFLICT, ["'ms'"]),
+        ("t,x,y\n2026-03-01T00:00:00,0,0\n1.5,1,0\n", ErrorCode.MALFORMED, ["line 3", "'1.5'"]),
+        ("t,x,y\n0,0,0\n2026-03-01T00:00:00,1,0\n", ErrorCode.MALFORMED, ["line 3", "column t"]),
+        ("t,x,y\n01.03.2026 00:00,0,0\n", ErrorCode.MALFORMED, ["line 2", "column t"]),
+    ],
+)
+def test_times_that_are_dates_by_halves_are_refused(text, code, values, tmp_path):
+    (tmp_path / "trace.csv").write_text(text)
+    with refused(code, *values):
+        read_trace(tmp_path / "trace.csv")
