@@ -26,6 +26,7 @@ from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.frames.altered import without_border
+from jitterkit.frames.cut_off import with_cut_off
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
@@ -65,7 +66,7 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
         If the frame does not suit the instrument.
     """
     digest = raw.digest
-    raw = without_border(resolve(raw, instrument, overrides or {}))
+    raw = with_cut_off(without_border(resolve(raw, instrument, overrides or {})))
     ny, nx = instrument.shape
     large = raw.shape[0] > ny or raw.shape[1] > nx
     if large:

@@ -91,7 +91,7 @@ def of_electrons(detector: Characteristics, raw: RawFrame, metadata: Metadata) -
     """Take electrons as they are: another program has calibrated them."""
     # a header gives the saturation level in the unit of its own pixels
     known, variance, level = metadata.saturation, raw.variance, math.inf
-    if known is not None and known.source.startswith(("header", "sidecar")):
+    if known is not None and known.source.startswith(("header", "sidecar", "pixels")):
         level = float(known.value)
     elif known is not None:
         level = float(_linear(detector, (known.value - metadata.value("bias")) * metadata.value("gain"))[0])

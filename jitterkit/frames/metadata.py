@@ -4,7 +4,9 @@ Reach for :class:`Metadata`.  Every number in it is a :class:`Sourced`: the valu
 source in words, so that ``jitterkit info`` can answer "where does this gain come from?".  Sources
 may be applied in any order with :meth:`Metadata.apply`, which obeys :data:`PRECEDENCE`:
 
-    command line > sidecar > instrument file > header > preset > assumed
+    command line > pixels > sidecar > instrument file > header > preset > assumed
+
+Of the pixels only a level at which they are cut off is read.
 """
 
 from __future__ import annotations
@@ -19,7 +21,16 @@ from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.units import COUNTS, RATES, resolve_unit
 
 #: The first words of a source, from the most to the least authoritative.
-PRECEDENCE = ("command line", "argument", "sidecar", "instrument file", "header", "preset", "assumed")
+PRECEDENCE = (
+    "command line",
+    "argument",
+    "pixels",
+    "sidecar",
+    "instrument file",
+    "header",
+    "preset",
+    "assumed",
+)
 
 
 @dataclass(frozen=True)
