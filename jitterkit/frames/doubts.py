@@ -194,19 +194,21 @@ def reduced_by(cards: Cards, number: str) -> str:
 _ALIKE: Mapping[str, re.Pattern[str]] = {
     name: re.compile(pattern, re.I)
     for name, pattern in {
-        "exposure": r"(TRU)?ITIME|(INT|INTEG|EXP|EXPOS|EXPOSURE|ACC|ACQ|SHUT|FRAME)[_ ]?(T|TIM|TIME)|EXPTIMES"
-        r"|EXP|EXPOSE?D?|EXP_?DUR|DURATION|T_?EXP(TIME)?|TOT(AL)?_?EXP\w*|EXPOINUS|ONTIME|ELAPTIME"
-        r"|(ESO DET (\w+ )?)?DIT\d?|(EXP|EXPTIME|EXPOSURE)_?(MS|US|SEC)|FPS|FRA?ME?_?RATE?",
-        "gain": r"(CCD|SYS|CONV|AMP|INV|CAL|DET|EFF|E)?_?GAIN_?(EFF|[A-H]|\d{1,2})?|GTGAIN\d+|GAIN_E_ADU"
-        r"|ESO (QC )?DET (\w+ ){1,2}(GAIN|CONAD)|CONAD\d?|E_?PER_?(ADU|DN)|CCDSENS|ESCALE|KGAINPAR",
-        "read_noise": r"(RD|READ|R|DET|CCD)_?(NOI|NOISE?|NSE?)_?([A-H]|\d{1,2})?|GTRON\d+"
-        r"|(DET|EFF)?RON_?([A-H]|\d{1,2})?|ESO (QC )?DET (\w+ ){1,2}RON|CCDREAD",
-        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATUR(ATI|VAL)|(ESO DET )?SAT_?(LEV(EL)?|LVL|LIM(IT)?)"
-        r"|FULLWELL|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
+        "exposure": r"(?!N).{0,4}EXP(?!.*(ID|NUM|NO|NR|CNT|SEQ|START|STRT|BEG|END|MODE|TYPE)$).*"
+        r"|(TRU)?ITIME|T_?INT|(INT|INTE?G\w{0,2}|ACC|ACQ|SHU?T?|FRA?ME?|OPEN|OBS|EFF)[_ ]?(T|TIM|TIME)|DWELL"
+        r"|DURATION|ONTIME|ELAPTIME|ELAPSED|SHUTSPD|(ESO DET (\w+ )?)?DIT\d?|FPS|FRA?ME?_?RATE?",
+        "gain": r"(?!.*(EM|MODE|COR|SET|ID))\w*GAIN\w*|E(L|LEC)?_?(P|PER|2)?_?(ADU|DN)\d?|ADU_?2?E|CONV?FACT?"
+        r"|ESO (QC )?DET (\w+ ){1,2}(GAIN|CONAD)|CONAD\d?|CCDSENS|ESCALE",
+        "read_noise": r"(\w*NOI(S|SE|SEE)?|(RD|READ|R|DET|CCD)_?(NSE?)?|RO?N|READOUTN)_?([A-H]|\d{1,2})?"
+        r"|GTRON\d+|(DET|EFF)?RON_?([A-H]|\d{1,2})?|ESO (QC )?DET (\w+ ){1,2}RON|CCDREAD",
+        "saturation": r"SATUR(A|AT)?_?([A-H]|\d{1,2})?|SATUR(ATI|VAL)"
+        r"|(ESO DET )?SAT_?(LE?VE?L?|VAL|ADU|LIM(IT)?)"
+        r"|FULLWELL|WELL\w*|MAX_?(ADU|COUNT|CNT)S?|GOODMAX|LIN_?LIM(IT)?",
         "bias": r"(BIAS|BLACK|BLK|OVSCA?N?|OVERSCA?N?)_?(LE?VE?LL?|LEV|VAL(UE)?|MEAN|MED(IAN)?|AVG|ADU)?_?"
         r"([A-H]|\d)?",
         "plate_scale": r"(ESO INS )?([XYAP]|PX|GS|SKY|IMG?|CCD|SPAT|[XYA]?_?PIX(EL)?|PLATE|PLT)"
-        r"_?SC(A|AL|ALE|L)?_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|IFOV|CDELT1|CD1_1",
+        r"_?SC(A|AL|ALE|L)?_?[XY12]?|SCALE_?[XY12]|SECP?PIX\w?|[XY]_?SCALE|A(RC)?SEC_?P?(ER)?_?(PIX|X)|SECPERP\w*"
+        r"|I?P?FOV|PIX(EL)?_?(FOV|SIZE)|FOCALLEN|CDELT1|CD1_1",
     }.items()
 }
 """Keywords like those of a number, which are not read as their unit or meaning differs between programs."""

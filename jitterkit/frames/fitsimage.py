@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames.altered import outside_of_data, scaled_up
 from jitterkit.frames.beside import bad_bits, quality_of, rate_of_brightness, rows_from_the_top, usable
 from jitterkit.frames.cards import Cards
@@ -165,6 +166,10 @@ class FitsImage:
         return variance, None, warning
 
 
+_NARROW = 5
+"""Columns from which on a plane may be an image: fewer are channels of colour, or frames."""
+
+
 def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
     """Raise FrameError for an image in colour, as for a TIFF; add a remark where only its program says so.
 
@@ -179,7 +184,14 @@ def _check_planes(hdu: Hdu, cards: Cards, odd: list[str]) -> None:
         name = hdu.words(f"CTYPE{axis}").upper() if side in (3, 4) else ""
         if name in ("RGB", "RGBA", "COLOR", "COLOUR"):
             raise in_colour(hdu.path, side, f"CTYPE{axis} = {name!r}")
-    if len(hdu.shape) < 3 or 3 not in (hdu.shape[0], hdu.shape[-1]):
+    if len(hdu.shape) < 3:
+        return
+    n, ny, nx = hdu.shape[-3:]
+    if (nx < _NARROW and min(n, ny) >= 4 * _NARROW) or 2 * nx <= ny == n:
+        problem = f"has {n} planes of {nx} x {ny} pixels, so that its frames seem to lie along the first axis"
+        remedy = "write them along the last (numpy.moveaxis(cube, -1, 0)), and colours as one channel"
+        raise FrameError(ErrorCode.WRONG_SHAPE, hdu.path, problem, remedy)
+    if 3 not in (hdu.shape[0], hdu.shape[-1]):
         return
     space = (cards.text("COLORSPC") or cards.text("COLORSPACE")).upper()
     if space in ("RGB", "SRGB"):

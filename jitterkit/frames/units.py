@@ -93,7 +93,7 @@ _MILLIMETRES = _spelled(
         1.0: "mm millimeter millimeters millimetre millimetres",
         10.0: "cm centimeter centimeters centimetre centimetres",
         1000.0: "m meter meters metre metres",
-        25.4: "in inch inches",
+        25.4: "in inch inches \" ''",
         304.8: "ft foot feet",
         1e-3: "um µm micron microns micrometer micrometers micrometre micrometres",
     }

@@ -122,6 +122,7 @@ NUMBERS = [
         ("35 mm equivalent", "35 mm"), ("without reducer", "without reducer"))],
     *[({"FOCALLEN": (39.37, comment), "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (39.37 * 25.4)), "")
       for comment in ("inch", "focal length in inches")],
+    ({"FOCALLEN": '39.37"', "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (39.37 * 25.4)), ""),
     ({"FOCALLEN": (10.0, "[ft]"), "XPIXSZ": 3.8}, "plate_scale", um(3.8 * 1000 / (10 * 304.8)), ""),
     *[({"PIXSCALE": (0.4, comment)}, "plate_scale", None, named) for comment, named in (
         ("[arcsec] field of view", "field of view"), ("pix/arcsec", "pix/arcsec"),
@@ -135,6 +136,10 @@ NUMBERS = [
     ({"EGAIN": 0.0, "CVF": 1.5}, "gain", 1.5, ""),
     # numbers in keywords that are not read
     *[({key: value}, name, None, f"{key} = {value} is not read") for key, value, name in (
+        *((key, 10.0, "exposure") for key in ("T_INT", "EXPTIME1", "IMEXPTIM", "EXPREQ", "EFFTIME")),
+        *((key, 1.5, "gain") for key in ("E_ADU", "CONVFACT", "T_GAIN1", "PREGAIN", "ELECGAIN")),
+        *((key, 4.5, "read_noise") for key in ("RMSNOISE", "RN", "READOUTN")), ("SATVAL", 6e4, "saturation"),
+        *((key, 0.5, "plate_scale") for key in ("PIXSIZE", "PIXFOV", "SECPERPX", "FOCALLEN")),
         ("ITIME", 10.0, "exposure"), ("EXPOINUS", 500, "exposure"), ("GAIN1", 1.5, "gain"),
         ("GAINA", 1.5, "gain"),
         ("RDNOISE2", 5.0, "read_noise"), ("SATURATA", 4e4, "saturation"), ("XPIXSCAL", 0.4, "plate_scale"),
@@ -153,7 +158,8 @@ NUMBERS = [
       for dit, named in ((2.0, "DIT = 2"), (20.0, ""))],
     ({"EXPTIME": 0.0, "EXPOINUS": 500}, "exposure", 0.0, "EXPOINUS = 500"),
     *[({"EXPTIME": 2.0, key: value}, "exposure", 2.0, "") for key, value in (
-        ("ITIME", 1.0), ("CDELT1", 1.0), ("GAIN1", "low"), ("BSCALE", 1.0), ("EXPNUM", 7), ("EMGAIN", 3))],
+        ("ITIME", 1.0), ("CDELT1", 1.0), ("GAIN1", "low"), ("BSCALE", 1.0), ("EXPNUM", 7), ("NEXPOS", 7),
+        ("EXPSTART", 5e4), ("EMGAIN", 3))],
     ({"BUNIT": "electron", "EXPTIME": 2.0, "GAIN1": 1.5}, "exposure", 2.0, ""),
     # levels that the stored integers do not reach
     (*level(BITPIX=16), 32767.0, "32767"), (*level(BITPIX=16, BZERO=32768), 65535.0, ""),

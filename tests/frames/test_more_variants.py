@@ -12,7 +12,9 @@ import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
 from headers import assert_number, assert_warned, header
+from refusals import refused
 
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import read_frames, resolve_header, sky_position_angle
 
 
@@ -442,6 +444,13 @@ def test_the_order_of_rows_and_colours_are_read_or_warned_of(tmp_path, shape, ca
     fits.PrimaryHDU(np.ones(shape, np.float32), header(cards)).writeto(tmp_path / "a.fits")
     frame = next(iter(read_frames(tmp_path / "a.fits")))
     assert_warned(frame.metadata.warnings, named)
+
+
+@pytest.mark.parametrize("shape", [(20, 24, 3), (24, 20, 4), (40, 40, 10), (1, 24, 24, 8)])
+def test_a_cube_whose_frames_lie_along_the_first_axis_is_refused(tmp_path, shape):
+    fits.PrimaryHDU(np.ones(shape, np.float32)).writeto(tmp_path / "a.fits")
+    with refused(ErrorCode.WRONG_SHAPE, tmp_path / "a.fits", f"{shape[-1]} x", error=FrameError):
+        next(iter(read_frames(tmp_path / "a.fits")))
 
 
 STORED = [  # dtype, cards added to the file, pixels masked of which one is stored as -5, its value, warning

@@ -176,7 +176,7 @@ OF_PLANES = [  # cards, columns of a table behind the cube, scale of first and l
     ({"EXPTIME": 1.0}, {"EXPTIME": [1, 2]}, (None, None), ""),
     ({"EXPTIME": 1.0}, {"mjd_obs": [6e4, 6e4, 6e4]}, (None, None), "mjd_obs of each plane"),
     (NUMBERED, {}, (None, None), "EXPTIME of each plane, in cards"),
-    (dict.fromkeys(NUMBERED, 1.0), {}, (None, None), ""),
+    ({**dict.fromkeys(NUMBERED, 1.0), "EXPTIME": 1.0}, {}, (None, None), ""),
 ]  # fmt: skip
 
 
