@@ -9,6 +9,7 @@ with the attributes of tifffile's.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -109,6 +110,25 @@ def no_data(page: Any) -> float | None:
         return float(np.dtype(page.dtype).type(float(page.tags.valueof(_NO_DATA, ""))))
     except (TypeError, ValueError, OverflowError):
         return None
+
+
+_MICRO_MANAGER = 51123
+"""Tag of what Micro-Manager says of a page."""
+
+_EXPOSURE = re.compile(
+    r"\b(exposure|integration)[ _-]?\w*( ?[([]\w+[)\]])?[\"']?\s*[:=]\s*[\d.]+( ?[a-zµμ]+\b)?", re.I
+)
+
+
+def exposure_in_words(page: Any, imagej: Mapping[str, Any]) -> str:
+    """Return what the texts of a page say of its exposure, which no standard defines; empty if nothing."""
+    texts = (
+        page.tags.valueof("ImageDescription", ""),
+        page.tags.valueof(_MICRO_MANAGER, ""),
+        imagej.get("Info", ""),
+    )
+    found = (_EXPOSURE.search(str(text)) for text in texts)
+    return next((one_line(one[0]) for one in found if one), "")
 
 
 CURVES = {

@@ -185,6 +185,8 @@ def _own_metadata(tiff: tifffile.TiffFile, page: Any, metadata: Metadata) -> Met
         metadata = metadata.fill(f"header {source} ExposureTime", exposure=exposure)
     elif exposure is not None and metadata.exposure is None:
         metadata = metadata.warn("the planes differ in their OME ExposureTime, which is ignored")
+    elif metadata.exposure is None and (found := pages.exposure_in_words(page, tiff.imagej_metadata or {})):
+        metadata = metadata.warn(f"{found!r} in the TIFF is not read: give --exposure if it is needed")
     channels = (
         (tiff.imagej_metadata or {}).get("channels", 1),
         *re.findall(r'SizeC="(\d+)"', tiff.ome_metadata or ""),

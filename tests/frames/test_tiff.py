@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import tifffile
+from headers import assert_warned
 from refusals import refused
 
 from jitterkit.errors import ErrorCode, FrameError
@@ -291,3 +292,20 @@ def test_planes_that_are_no_images_by_their_labels_are_warned_of(tmp_path, label
     assert len(frames) == 3
     said = [text for text in frames[0].metadata.warnings if "labels" in text]
     assert said == [] if not warned else warned in said[0]
+
+
+@pytest.mark.parametrize(
+    ("description", "tags", "said"),
+    [
+        ("Exposure Time: 20 ms\nGain: 1.2", [], "Exposure Time: 20 ms"),
+        ("[Camera]\nIntegrationTime=0.02\n", [], "IntegrationTime=0.02"),
+        (None, [(51123, 2, 0, '{"Exposure-ms": 20.0}', True)], "Exposure-ms': 20.0"),
+        ("no exposure given, 3 frames", [], ""),
+    ],
+)
+def test_an_exposure_in_a_text_is_warned_of(tmp_path, description, tags, said):
+    options = {"description": description, "extratags": tags, "metadata": None}
+    tifffile.imwrite(tmp_path / "a.tif", np.ones((4, 5), np.uint16), **options)
+    (frame,) = read_frames(tmp_path / "a.tif")
+    assert frame.metadata.exposure is None
+    assert_warned(frame.metadata.warnings, said)
