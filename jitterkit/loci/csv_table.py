@@ -72,22 +72,27 @@ def csv_rows(path: Path, remedy: str) -> list[CsvRow]:
         If the file does not exist, cannot be opened, or is not text.
     """
     try:
-        lines = [(n, line) for n, line in _lines(path) if line.strip() and not _EXCEL.fullmatch(line)]
-    except (OSError, UnicodeDecodeError) as error:
+        return _with_points(_split(_lines(path)))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         problem = f"{path}: cannot be read ({error}); {remedy}."
         raise ConfigurationError(reading_code(error), problem) from None
+
+
+def _split(lines: list[CsvLine]) -> list[CsvRow]:
     rows: list[CsvRow] = []
     separator, comment = "", (0, "")
     for n, line in lines:
+        if not line.strip() or _EXCEL.fullmatch(line):
+            continue
         if line.startswith(_COMMENT):
             comment = (n, line.strip("".join(_COMMENT) + " \n"))
             continue
-        if _heads(comment[1], line):
+        if comment[1] and _heads(comment[1], line):
             separator = _separator(comment[1])
             rows.append((comment[0], _cells(comment[1], separator)))
         separator, comment = separator or _separator(line), (0, "")
         rows.append((n, _cells(line, separator)))
-    return _with_points(rows)
+    return rows
 
 
 def _separator(header: str) -> str:
@@ -116,9 +121,10 @@ def _with_points(rows: list[CsvRow]) -> list[CsvRow]:
 
     They are left where a number has a point too, and where each comma has three digits behind it.
     """
-    numbers = {cell for _, cells in rows for cell in cells if _WITH_MARKS.fullmatch(cell)}
-    commas = {cell for cell in numbers if "," in cell}
-    if not commas or any("." in cell for cell in numbers) or all(map(_THOUSANDS.fullmatch, commas)):
+    commas = {cell for _, cells in rows for cell in cells if "," in cell and _WITH_MARKS.fullmatch(cell)}
+    if not commas or all(map(_THOUSANDS.fullmatch, commas)):
+        return rows
+    if any("." in cell and _WITH_MARKS.fullmatch(cell) for _, cells in rows for cell in cells):
         return rows
     return [(n, [cell.replace(",", ".") if cell in commas else cell for cell in cells]) for n, cells in rows]
 
@@ -135,8 +141,11 @@ _BARE = re.compile(rf"{_NAME.pattern}(?:\s*[/,]\s*|_(?![ap]sd$))(\S.*)", re.IGNO
 
 def number(cell: str) -> float:
     """Return the number in a cell, NaN of none; Fortran's ``1D-3`` is one, Python's ``1_0`` is not."""
-    text = cell.replace("\u2212", "-").lower()
-    return float(text.replace("d", "e")) if _NUMBER.fullmatch(text) else np.nan
+    try:
+        return float("" if "_" in cell else cell)
+    except ValueError:
+        text = cell.replace("\u2212", "-").lower()
+        return float(text.replace("d", "e")) if _NUMBER.fullmatch(text) else np.nan
 
 
 def heading(cell: str) -> tuple[str, str]:

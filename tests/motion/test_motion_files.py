@@ -90,6 +90,14 @@ def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, ta
     assert str(caught.value).startswith(str(table("")))
 
 
+def test_a_file_that_is_no_table_is_refused(table, tmp_path):
+    with refused(ErrorCode.MALFORMED, "field limit"):
+        read_motion(table('{"t": "' + "0" * 200_000 + '"}'))
+    (tmp_path / "t.csv").write_bytes(b"t,x,y\xb5\n0,0,\0\n")
+    with refused(ErrorCode.MALFORMED, tmp_path / "t.csv", "f,x,y"):
+        read_motion(tmp_path / "t.csv")
+
+
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with refused(ErrorCode.NOT_FOUND, tmp_path / "none.csv", "f,x,y"):
         read_motion(tmp_path / "none.csv")
