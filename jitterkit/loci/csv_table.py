@@ -185,7 +185,7 @@ def row_numbers(row: CsvRow, header: Sequence[str], missing: Sequence[str] = ())
             written = re.search(r"nan|inf|^[-+]?\d*\.?\d*e\d+$", cell.lower())
             code = ErrorCode.OUT_OF_RANGE if written else ErrorCode.MALFORMED
             remedy = " with a decimal point" if "," in cell else ""
-            problem = f"line {line}, column {name} is {cell!r}"
+            problem = f"line {line}, column {name} is {cell[:80]!r}"
             raise ConfigurationError(code, f"{problem}; give a finite number{remedy}.")
         values.append(value)
     return values

@@ -251,7 +251,7 @@ def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
     if not cells or not is_trace(cells) or not (named_rates or names[1:] == ("x", "y")):
         raise ConfigurationError(
             ErrorCode.MALFORMED,
-            f"begins with {','.join(cells) or 'nothing'!r}; its first line must be t,x,y (s, arcsec, arcsec) "
+            f"begins with {','.join(cells)[:80] or 'nothing'!r}; its first line must be t,x,y (s, arcsec, arcsec) "
             "or, for rates, t,wx,wy (s, arcsec/s, arcsec/s).",
         )
     refuse_half_stated(cells[1:], units[1:])

@@ -159,7 +159,9 @@ def _tables(rows: list[CsvRow], log: Log) -> tuple[list[dict[str, float]], list[
                 raise ConfigurationError(ErrorCode.DUPLICATE, problem)
             tables[header.names[0]] = []
         elif header is None:
-            raise ConfigurationError(ErrorCode.MALFORMED, f"line {n} is {','.join(cells)!r}; {_FORMATS}.")
+            raise ConfigurationError(
+                ErrorCode.MALFORMED, f"line {n} is {','.join(cells)[:80]!r}; {_FORMATS}."
+            )
         else:
             tables[header.names[0]].append({"line": n} | header.numbers((n, cells)))
     lines = [_line(row) for row in tables.get("frequency", [])]

@@ -92,7 +92,10 @@ def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, ta
 
 def test_a_file_that_is_no_table_is_refused(table, tmp_path):
     with refused(ErrorCode.MALFORMED, "field limit"):
-        read_motion(table('{"t": "' + "0" * 200_000 + '"}'))
+        read_motion(table('{"t":"' + "0" * 200_000 + '","x":0}'))
+    with refused(ErrorCode.MALFORMED, "line 1") as caught:
+        read_motion(table("{ " + "0" * 200_000))
+    assert len(str(caught.value)) < 500
     (tmp_path / "t.csv").write_bytes(b"t,x,y\xb5\n0,0,\0\n")
     with refused(ErrorCode.MALFORMED, tmp_path / "t.csv", "f,x,y"):
         read_motion(tmp_path / "t.csv")
