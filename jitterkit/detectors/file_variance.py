@@ -74,9 +74,10 @@ def is_normalised(raw: RawFrame) -> bool:
     Parameters
     ----------
     raw : RawFrame
+        The noise of one whose bias was subtracted goes below 0.
     """
     good = raw.data[~raw.mask]
-    if raw.unit != "adu" or not good.size or good.min() < 0 or not 0 < good.max() <= 1:
+    if raw.unit != "adu" or not good.size or not 0 < good.max() <= 1 or good.min() < -good.max() / 2:
         return False
     return not np.array_equal(good, np.rint(good))
 

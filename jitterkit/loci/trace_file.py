@@ -249,11 +249,9 @@ def _columns(cells: list[str], rates: str | None) -> tuple[list[float], bool]:
     names, units = zip(*map(heading, cells), strict=True) if cells else ((), ())
     named_rates = names[1:] == ("wx", "wy")
     if not cells or not is_trace(cells) or not (named_rates or names[1:] == ("x", "y")):
-        raise ConfigurationError(
-            ErrorCode.MALFORMED,
-            f"begins with {','.join(cells)[:80] or 'nothing'!r}; its first line must be t,x,y (s, arcsec, arcsec) "
-            "or, for rates, t,wx,wy (s, arcsec/s, arcsec/s).",
-        )
+        problem = f"begins with {','.join(cells)[:80] or 'nothing'!r}; its first line must be t,x,y"
+        remedy = "(s, arcsec, arcsec) or, for rates, t,wx,wy (s, arcsec/s, arcsec/s)"
+        raise ConfigurationError(ErrorCode.MALFORMED, f"{problem} {remedy}.")
     refuse_half_stated(cells[1:], units[1:])
     found = [
         unit_factor(name, unit or rates or ("arcsec/s" if named_rates else "arcsec"), "arcsec/s", "arcsec")

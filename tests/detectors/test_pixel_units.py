@@ -51,8 +51,9 @@ def test_another_unit_is_refused_by_its_name(unit):
 
 
 def test_floats_from_0_to_1_are_recognised():
-    assert NORMALISED in Detector(gain=1.0).calibrate(RawFrame(COUNTS / COUNTS.max())).flags
-    for data in (COUNTS, COUNTS / COUNTS.max() - 0.1, np.eye(3), np.zeros((3, 3))):
+    for dark in (0.0, 0.1):  # below 0 is the noise of a dark that was subtracted
+        assert NORMALISED in Detector(gain=1.0).calibrate(RawFrame(COUNTS / COUNTS.max() - dark)).flags
+    for data in (COUNTS, COUNTS / COUNTS.max() - 0.5, np.eye(3), np.zeros((3, 3))):
         assert NORMALISED not in Detector(gain=1.0).calibrate(RawFrame(data)).flags
     assert NORMALISED not in Detector().calibrate(frame(COUNTS / COUNTS.max(), "electron")).flags
 
