@@ -92,6 +92,8 @@ def _split(lines: list[CsvLine]) -> list[CsvRow]:
             rows.append((comment[0], _cells(comment[1], separator)))
         separator, comment = separator or _separator(line), (0, "")
         rows.append((n, _cells(line, separator)))
+    if rows and rows[0][1][-1] == "":  # every line ends with a separator
+        return [(n, cells[:-1] if cells[-1] == "" else cells) for n, cells in rows]
     return rows
 
 

@@ -246,6 +246,7 @@ def test_a_drawn_band_is_no_mirrored_table(table):
         "t;x;y\n0;0,5;1\n1,5;-1,000;2e-1\n",
         "t\tx\ty\n0\t0,5\t1\n1,5\t-1\t0,2\n",
         't,x,y\n0,"0,5",1\n"1,5",-1,"0,2"\n',
+        "t;x;y;\n0;0,5;1;\n1,5;-1;0,2;\n",
         "sep=;\nt;x;y\n0;0,5;1\n1,5;-1;0,2\n",
         "# gyro\n# t x y\n0 0.5 1\n1.5 -1 0.2\n",
         "% t [ms], x [mas], y [mas]\n0, 500, 1000\n1500, -1D3, 2e2\n",
