@@ -69,6 +69,15 @@ def test_a_frame_without_a_star_has_a_status_in_place_of_a_start(telescope, rng)
     assert start.status.name == "NO_STAR"
 
 
+def test_a_core_that_is_cut_off_below_the_stated_level_is_saturated(telescope):
+    raw = simulate_frame(telescope, SCENE, LOCUS, rng=np.random.default_rng(3)).raw
+    level = np.round(0.4 * raw.data.max())
+    frame = steps.calibrate(replace(raw, data=np.minimum(raw.data, level)), telescope)
+    assert "saturated" in frame.flags
+    np.testing.assert_array_equal(frame.full, raw.data >= level)
+    assert not {"saturated"} & set(steps.calibrate(raw, telescope).flags)
+
+
 def test_one_star_among_pairs_is_a_star(telescope, rng):
     """Two stars that share its light fit it too; `estimate` took its blur of 0.1 arcsec for none."""
     q, w = np.polynomial.hermite_e.hermegauss(5)  # a normal blur, by quadrature
