@@ -27,8 +27,9 @@ from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_erro
 _REPORTED = {"prior_contradicted", "prior_unused", "prior_namesake"}
 """Flags of fitted frames that are worth a line on stderr."""
 
-_DOUBTS = ("header_odd", "gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range", "other")
-"""Flags of fitted frames whose files or detectors leave a number in doubt, worth a line for all frames."""
+_OF_DETECTORS = ("header_odd", "gain_assumed", "read_noise_assumed", "bias_assumed", "above_adc_range")
+_DOUBTS = ("maybe_pair", *_OF_DETECTORS, "other")
+"""Flags of fitted frames that leave a number in doubt, worth a line for all frames."""
 
 
 @dataclass(frozen=True, kw_only=True)

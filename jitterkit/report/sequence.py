@@ -105,8 +105,9 @@ def describe_loci(loci: dict[str, Any]) -> str:
     likely = [*weights][: int(np.searchsorted(held, _CERTAIN)) + 1]
     means = [loci["separation"][name]["mean"] for name in likely]
     shares = ", ".join(f"{name} {weights[name]:.2f}" for name in likely)
-    spread = angle_size(max(means) - min(means), 2)
-    return f"{who} {are} undecided ({shares}); the separation differs by {spread}."
+    spread = max(means) - min(means)  # NaN of one star
+    differs = "" if math.isnan(spread) else f"; the separation differs by {angle_size(spread, 2)}"
+    return f"{who} {are} undecided ({shares}){differs}."
 
 
 def _fitted(rows: np.ndarray) -> np.ndarray:

@@ -174,8 +174,8 @@ def test_the_evidence_of_frames_adds_up(make_fit):
 def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
     undecided = {"linear": -100.0, "shm": -100.3, "mvn": -104.0}
 
-    def said(*frames):
-        return describe_loci(summarise(_compared(make_fit, *frames))["loci"])
+    def said(*frames, **options):
+        return describe_loci(summarise(_compared(make_fit, *frames, **options))["loci"])
 
     many = said(*[undecided] * 30)
     assert all(value in many for value in ("30 frames", "linear", "1.000"))
@@ -183,6 +183,7 @@ def test_a_run_says_what_it_has_decided_and_what_not(make_fit):
     # e^-1.5 is 0.22 of one; the separations are made 3 microarcsec apart
     few = said(*[undecided] * 5)
     assert all(value in few for value in ("5 frames", "linear 0.82", "shm 0.18", "3.0 µas"))
+    assert said(undecided, separation=math.nan).endswith("undecided (linear 0.57, shm 0.42).")  # of one star
     drift, vibration = {"linear": -100.0, "shm": -101.5}, {"linear": -120.0, "shm": -100.0}
     mixed = said(*[drift] * 30, vibration)
     assert "1 of 31" in mixed
