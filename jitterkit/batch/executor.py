@@ -39,8 +39,11 @@ _AHEAD = 3
 """Frames read ahead for each thread."""
 
 _ALONE = 5.0
-"""Seconds that the first frame has for itself: others beside it would trace and compile the same programs
-again, 2 s of a processor for ten frames of TOLIMAN."""
+"""Seconds that the first frame of a process has for itself: others beside it would trace and compile the same
+programs again, 2 s of a processor for ten frames of TOLIMAN."""
+
+_begun = threading.Event()
+"""Whether a frame has had them."""
 
 _KEEP = 5.0
 """Seconds after which finished frames are handed out though their batch is not done."""
@@ -132,7 +135,7 @@ def execute(
     finished : Any
         What ``finish`` returns.
     """
-    threads, begun = threads or cores(), False
+    threads = threads or cores()
     running: deque[_Running] = deque()
     limiter, ahead = MemoryLimiter(threads), threading.Semaphore(threads * (1 + _AHEAD))
     with FrameReader(hdu) as reader, ThreadPoolExecutor(threads, "fit") as pool:
@@ -144,13 +147,14 @@ def execute(
                 running.append(one := _Running(batch))
                 for path, index, raw in reader.read(batch.items):
                     attempt = partial(_attempt, ready, *_read(ready, path, index, raw))
+                    alone = not _begun.is_set() and not isinstance(raw, JitterkitError)
                     del raw  # a camera's whole frame need not wait with the stars that were cut out of it
                     ahead.acquire()
                     one.futures.append(pool.submit(limiter.run, attempt))
                     one.futures[-1].add_done_callback(lambda _: ahead.release())
-                    if not begun:
+                    if alone:
+                        _begun.set()
                         wait(one.futures, _ALONE)
-                    begun = True
                     yield from _hand_out(running, finish)
             while running:
                 yield from _hand_out(running, finish, _KEEP)

@@ -294,7 +294,7 @@ class FrameProcessor:
             return {}
         for frame in read_calibrated(references, hdu, self.calibrate):
             seen = searched.setdefault(self.grid(frame), [])
-            if scene_only or not any(choice.is_sure for _, choice in seen):
+            if scene_only or not any(choice.is_clear for _, choice in seen):
                 choice = self.choose_scene(frame)
                 seen += [] if choice is None else [(frame, choice)]
         starts = ((key, from_searched_frames(s, self.warm_start, scene_only)) for key, s in searched.items())

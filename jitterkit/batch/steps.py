@@ -159,7 +159,7 @@ def search(
         choice = None
         # a frame of a run need not be as the run is
         if start is not None and (expected == scene or (start.describes(data) and not _lacks_a_star(start))):
-            readings = ("", False) if seen is None else (seen.readings, True)
+            readings = ("", False) if seen is None else (seen.readings, expected == Star.name)
             choice = SceneChoice(start, -math.inf if expected == Star.name else math.inf, *readings)
         elif scene == AUTO:
             choice = choose_scene(data, optics, options, rough=rough)

@@ -141,10 +141,11 @@ def from_searched_frames(
     Returns
     -------
     warm_start : WarmStart or None
-        Of the first frame that is sure of its scene; if none is, of their joint choice.
+        Of the first frame that is sure of its scene, if there is one of which one star does not fit as well
+        as its pair; if none is sure, of their joint choice.
     """
     if not scene_only and (sure := [look for look in searched if look[1].is_sure]):
-        return warm_start(*sure[0])
+        return warm_start(*next((look for look in sure if look[1].is_clear), sure[0]))
     scene = scene_together([choice for _, choice in searched])
     if scene_only:
         return WarmStart(scene or AUTO, choices={frame.digest: choice for frame, choice in searched})

@@ -129,6 +129,8 @@ def _dwelling_stars(pair: Parameters) -> Iterator[Parameters]:
     assert isinstance(scene, Binary)
     x, y, flux = (np.asarray(part)[:2] for part in scene.sources())
     star = Star(flux @ x / flux.sum(), flux @ y / flux.sum(), flux.sum())
+    if scene.indices is not None:
+        star = star.coloured((float(flux @ np.asarray(scene.indices)[:2] / flux.sum()),))
     major, _, angle = principal_axes(pair.locus.moments())
     aside = major * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     for knots in _KNOTS:

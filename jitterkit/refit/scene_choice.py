@@ -57,9 +57,8 @@ class SceneChoice:
     readings : str
         Both scenes, in words, where both were fitted.
     alike : bool
-        Whether the odds are below 20 to 1; or a pair is closer than the resolution, and without jitter fits
-        the frame as well as one star, or fits as well as one star on a path, so that only the priors
-        distinguish them.
+        Whether the odds are below 20 to 1; or a pair and one star fit the frame as well, so that only the
+        priors distinguish them.
     fit : FitResult or None
         Of one star with the best of the loci, by the options that were given, if it was made and is chosen.
     evidence : SceneEvidence or None
@@ -84,15 +83,19 @@ class SceneChoice:
         return not abs(self.log_odds) < DECIDED
 
     @property
+    def is_clear(self) -> bool:
+        """Return whether it does, and no single star fits as well as the pair that it shows."""
+        return self.is_sure and not (self.alike and self.log_odds > 0)
+
+    @property
     def ambiguity(self) -> str:
         """Say in a sentence that the other scene looks the same as the chosen one; empty if it does not."""
         return f"It shows {self.readings}: both look alike." if self.alike and not self.undecided else ""
 
     @property
     def ambiguity_of_run(self) -> str:
-        """Say the same of one star about the other frames of a run, whose jitter may differ."""
-        is_star = self.log_odds < 0
-        return f"The first frames of the run show {self.readings}." if self.ambiguity and is_star else ""
+        """Say the same about the other frames of a run, whose jitter may differ."""
+        return f"The first frames of the run show {self.readings}." if self.ambiguity else ""
 
     @property
     def scene(self) -> str:

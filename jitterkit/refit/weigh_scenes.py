@@ -126,15 +126,17 @@ class Weighing:
         return SceneChoice(start, log_odds, readings, alike, fit, evidence)
 
     def look_alike(self, star: _Reading, pair: _Reading, chosen: _Reading) -> bool:
-        """Return whether a pair closer than the resolution and a star fit as well, the one that is chosen.
+        """Return whether a pair and a star fit as well as each other, one of which is chosen.
 
         Then the image decides nothing: two stars may be still or, of an intricate jitter, of any jitter.  A
-        pair may have no evidence, where its separation is hardly determined.
+        pair may have no evidence, where its separation is hardly determined.  One wider than the resolution
+        fits as well as any star, with a companion too faint to be seen.
         """
         other = pair if chosen is star else star
         as_well = other.fit.objective < chosen.fit.objective + _ALIKE
         may_be_either = other.fit.locus == "stable" or is_intricate(star.fit.locus)
-        return bool(pair.fit.of_scene("separation") < self.fineness and as_well and may_be_either)
+        means_something = chosen is pair or pair.fit.of_scene("separation") < self.fineness
+        return bool(means_something and as_well and may_be_either)
 
     def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[_Reading]:
         """The pairs that may be read instead of a star.
@@ -209,10 +211,10 @@ class Weighing:
         """One star as it was read, or on a path that dwells where a pair's stars are, if more probable."""
         frame = FrameFits(self.data, self.optics, self.options, sure=True)
         path = fit_dwelling_star(frame, two.fit, one.fit)
-        if path is None:
+        if path is None or not math.isfinite(weight_of_evidence(path)):
             return one
         reading = self.on_path(one, path, weight_of_evidence(path))
-        if two.evidence - reading.evidence < log_maxima(path) + DECIDED:
+        if -DECIDED < two.evidence - reading.evidence < log_maxima(path) + DECIDED:
             reading = self.on_path(one, *over_orders(frame, path))
         return _best([one, reading])
 

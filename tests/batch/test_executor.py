@@ -1,5 +1,6 @@
 """Batches worked through by threads, against frames processed one by one."""
 
+import threading
 import time
 
 import numpy as np
@@ -162,11 +163,16 @@ def test_while_one_frame_takes_long_no_more_than_the_next_batch_is_read(night, m
     assert set(task.early) == {0, 1, None}
 
 
-def test_the_first_frame_is_alone_until_it_is_done(night):
-    """Others beside it would compile the same programs again."""
-    task = Numbers()
-    list(execute([Batch(number, ((night[0], 0),)) for number in range(3)], task, results, threads=2))
-    assert task.early == [0, None]
+def test_the_first_frame_of_a_process_is_alone_until_it_is_done(night, tmp_path, monkeypatch):
+    """Others beside it would compile the same programs again; later commands do not wait."""
+    monkeypatch.setattr("jitterkit.batch.executor._begun", threading.Event())
+    damaged = tmp_path / "damaged.fits"
+    damaged.write_bytes(b"SIMPLE")
+    for alone in (True, False):
+        task = Numbers()
+        items = ((damaged, 0), (night[0], 0))  # one that cannot be read compiles nothing
+        list(execute([Batch(0, items), *(Batch(n, items[1:]) for n in (1, 2))], task, results, threads=4))
+        assert (1 not in task.early) == alone
 
 
 class Numbers:

@@ -8,9 +8,10 @@ import pytest
 
 from jitterkit.batch import steps
 from jitterkit.batch.plan import Batch
+from jitterkit.batch.warm_start import from_searched_frames
 from jitterkit.frames import write_fits
 from jitterkit.loci import Stable
-from jitterkit.refit.scene_choice import SceneEvidence
+from jitterkit.refit.scene_choice import SceneChoice, SceneEvidence
 from jitterkit.scene import Binary
 from jitterkit.simulate import simulate_frame
 
@@ -58,3 +59,10 @@ def test_frames_that_disagree_about_the_pair_show_one_star(hesitant, processor):
     processor.choose_scene = turned
     (shown,) = processor.for_batch(hesitant).known.values()
     assert shown.scene == "star"
+
+
+def test_a_run_is_as_a_frame_that_is_clear_says_if_there_is_one():
+    pairs = [SceneChoice(None, 5.0, "one, or two", alike) for alike in (True, True, False)]
+    for searched, position in ((pairs[:2], 0), (pairs, 2)):
+        found = from_searched_frames(list(enumerate(searched)), lambda frame, choice: (frame, choice), False)
+        assert found == (position, searched[position])

@@ -84,7 +84,13 @@ def test_a_better_path_takes_the_place_of_the_one_before_among_the_candidates():
     ("log_odds", "alike", "said"),
     [(5.0, True, True), (5.0, False, False), (1.0, True, False), (-5.0, True, True)],
 )
-def test_what_looks_the_same_is_said_of_a_pair_as_of_a_star_and_of_one_star_in_a_run(log_odds, alike, said):
+def test_what_looks_the_same_is_said_of_a_pair_as_of_a_star_and_of_their_run(log_odds, alike, said):
     choice = SceneChoice(None, log_odds, "one, or two", alike)
-    assert bool(choice.ambiguity) == said
-    assert bool(choice.ambiguity_of_run) == (said and log_odds < 0)
+    assert bool(choice.ambiguity) == bool(choice.ambiguity_of_run) == said
+    assert choice.is_clear == (log_odds == -5.0 or not alike)
+
+
+def test_a_star_that_dwells_has_the_colour_of_the_pair():
+    coloured = PAIR.coloured((1.0, -2.0))  # of two thirds and one third of the light
+    for start in _dwelling_stars(Parameters(coloured, Mvn.of(0.2), (4.0, -3.0))):
+        assert np.asarray(start.scene.source_indices()) == pytest.approx([0.0], abs=1e-12)
