@@ -180,7 +180,7 @@ def test_a_table_that_cannot_be_read_is_refused_by_its_name(tmp_path):
         read_trace(tmp_path)
     path = tmp_path / "gyro.csv"
     path.write_bytes(b"t,x,y\n\xff\xfe,0,0\n")
-    with refused(ErrorCode.MALFORMED, path, "t,x,y", error=ConfigurationError):
+    with refused(ErrorCode.MALFORMED, path, "line 2", "column t", error=ConfigurationError):
         read_trace(path)
 
 

@@ -47,6 +47,7 @@ def fits(bench, scene, locus, seed=1):
     return frame, fit_locus("mvn", data, bench.optics, start, np.array([0.03, 0.0, 0.03]), sure=True)
 
 
+@pytest.mark.slow  # test_choose_scene.py has such a walk
 def test_a_walk_that_looks_like_a_pair_is_fitted_better_by_a_path(bench):
     along = 0.7 * np.array([0.0, 0.1, -0.1, 0.0, 0.1, 1.0, 1.1, 1.0])
     across = 0.2 * np.array([1.0, -1.0, 1.0, -0.5, -1.0, 1.0, -1.0, 0.5])
