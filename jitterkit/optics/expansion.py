@@ -173,7 +173,7 @@ def shifted(
 ) -> list[tuple[Array, Array, np.ndarray]]:
     """Return what :func:`derivatives_at` has, a step ahead and a step behind along each shift there is.
 
-    Differences take two fifths of the time of derivatives by the chain rule, and no programs of their own.
+    Differences take two fifths of the time of derivatives by the chain rule.
 
     Parameters
     ----------
