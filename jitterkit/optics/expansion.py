@@ -185,7 +185,8 @@ def shifted(
     Returns
     -------
     pairs : list of (array, array, float)
-        Ahead, behind, and the step: nm, or a share.
+        Spectra ahead and behind, of the shape that :func:`derivatives_at` returns, and the step: nm, or a
+        share.
     """
     pairs = []
     for longer, wider in further.directions:

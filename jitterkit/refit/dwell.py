@@ -108,7 +108,7 @@ def over_orders(frame: FrameFits, path: FitResult) -> tuple[FitResult, float]:
 def log_maxima(path: FitResult) -> float:
     """Return the logarithm of the number of maxima of paths that pass positions in any order."""
     assert path.parameters is not None
-    orders = math.factorial(path.parameters.locus.knots) / 2  # type: ignore[attr-defined]  # there is back
+    orders = math.factorial(path.parameters.locus.knots) / 2  # type: ignore[attr-defined]  # a way there is one back
     return math.log(min(_MAXIMA, orders))
 
 

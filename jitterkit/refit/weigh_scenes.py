@@ -128,15 +128,16 @@ class Weighing:
     def look_alike(self, star: _Reading, pair: _Reading, chosen: _Reading) -> bool:
         """Return whether a pair and a star fit as well as each other, one of which is chosen.
 
-        Then the image decides nothing: two stars may be still or, of an intricate jitter, of any jitter.  A
-        pair may have no evidence, where its separation is hardly determined.  One wider than the resolution
-        fits as well as any star, with a companion too faint to be seen.
+        Then the image decides nothing.  A pair without jitter may look like any star, and a pair with jitter
+        like a star whose jitter is not simple.  It may have no evidence, where its separation is hardly
+        determined.  Of a star that is chosen, only pairs closer than the resolution count: one with a
+        companion too faint to be seen fits as well at any separation.
         """
         other = pair if chosen is star else star
         as_well = other.fit.objective < chosen.fit.objective + _ALIKE
         may_be_either = other.fit.locus == "stable" or is_intricate(star.fit.locus)
-        means_something = chosen is pair or pair.fit.of_scene("separation") < self.fineness
-        return bool(means_something and as_well and may_be_either)
+        is_blend = chosen is pair or pair.fit.of_scene("separation") < self.fineness
+        return bool(is_blend and as_well and may_be_either)
 
     def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[_Reading]:
         """The pairs that may be read instead of a star.
