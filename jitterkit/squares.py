@@ -124,7 +124,7 @@ def free_squares(
     its value may be noise.  One that is known better beforehand does not matter.  Left out are modes in which
     B differs, and data that allow for an error of the model.
     """
-    system = optics.system if isinstance(optics, AnchoredOptics) else optics
+    system = optics.system
     if not isinstance(system, OpticalSystem) or data.model_variance is not None:
         return None
     modes, value, held = system.names, np.array(parameters.aberrations), held_with(hold)
@@ -164,7 +164,7 @@ def _with_squares(optics: Optics, state: np.ndarray, even: list[int], phase: np.
         halves = np.where(i == j, 0.5, 1.0)[:, None, None, None]
         rows = np.asarray(optics.anchor.second.rows(i, j, rows_of.grid)) * halves
     else:
-        products = np.stack(_products(optics, otf, state, pairs, _STEP / phase))
+        products = np.stack(_products(optics.system, otf, state, pairs, _STEP / phase))
         rows = np.stack([products.real, products.imag], axis=1)
     tints, slopes = rows_of.tints, np.asarray(rows_of.slopes)
     if tints is not None:

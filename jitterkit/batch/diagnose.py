@@ -21,7 +21,7 @@ from jitterkit.likelihood import Data
 from jitterkit.locate import resolution
 from jitterkit.loci import covariance_on_axis, moments_on_axis
 from jitterkit.metric import LARGE_FACTOR, error_factor
-from jitterkit.optics import OTF, AnchoredOptics
+from jitterkit.optics import OTF
 from jitterkit.optics.otf import PLATE_SCALE
 from jitterkit.refit import FitResult, Status, single_star
 from jitterkit.refit.boundary import minor_variance
@@ -144,8 +144,7 @@ def diagnose(frame: Frame, found: SceneEstimate, result: FitResult, plate_scale:
         if factor > LARGE_FACTOR:
             times = f"{factor:.3g} times as large as with a known plate scale"
             result = result.remarked(f"The error of the separation is {times}.", "scale_degenerate")
-    system = found.optics.system if isinstance(found.optics, AnchoredOptics) else found.optics
-    unsigned = [name for name in system.nominal.blind() if name in result.names]
+    unsigned = [name for name in found.optics.system.nominal.blind() if name in result.names]
     if result.status.usable and unsigned:
         remark = f"The pupil is its own mirror image: {', '.join(unsigned)} may as well have the other sign"
         together = ", all of them together." if len(unsigned) > 1 else "."

@@ -31,7 +31,7 @@ from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
-from jitterkit.optics import AnchoredOptics, Optics
+from jitterkit.optics import OpticalSystem, Optics, SelfAnchoringOptics
 from jitterkit.refit import SCENES, FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose import fit_best_locus, is_lost
 from jitterkit.refit.evidence import CHOICES
@@ -111,7 +111,7 @@ def locate(
     start : SceneEstimate or FitResult
         Where fits start; a FitResult whose status says why not.
     """
-    options, data = options or FitOptions(), Data.of(frame, censored=censored)
+    options, data, optics = options or FitOptions(), Data.of(frame, censored=censored), _own(optics, frame)
     if warm is not None:
         registered = warm.register(frame, data, optics, options.hold, rough=not shape)
         if registered is not None:
@@ -145,6 +145,7 @@ def search(
     rough: bool = False,
 ) -> tuple[SceneChoice | FitResult, Data]:
     """Choose the scene of a frame, and return its data without pixels that no star can have made."""
+    optics = _own(optics, frame)
 
     def choose(data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
         """Choose the scene of cleaned data, or say why that cannot be done."""
@@ -168,6 +169,11 @@ def search(
         return choice
 
     return found_allowing(choose, data, optics.nominal, options.model_error, rough=rough)
+
+
+def _own(optics: Optics, frame: Frame) -> Optics:
+    """Return optics that keep what the fits of a frame ask for again, unless they do so already."""
+    return SelfAnchoringOptics(optics, frame.light) if isinstance(optics, OpticalSystem) else optics
 
 
 def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str] = ()) -> KernelEstimate:
@@ -238,8 +244,8 @@ def fit(
 
 def _with_likelier_signs(start: SceneEstimate, priors: Priors) -> SceneEstimate:
     """Return a start with the signs of a prior, where no image shows those of some aberrations."""
-    system = start.optics.system if isinstance(start.optics, AnchoredOptics) else start.optics
-    names, unseen = system.nominal.names, system.nominal.blind()
+    nominal = start.optics.system.nominal
+    names, unseen = nominal.names, nominal.blind()
     value = np.asarray(start.parameters.aberrations)
     other = np.where([name in unseen for name in names], -value, value)
     known = [(i, *priors.terms[name]) for i, name in enumerate(names) if name in priors.terms]

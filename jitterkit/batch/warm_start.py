@@ -69,8 +69,7 @@ class WarmStart:
     def optics(self, frame: Frame) -> AnchoredOptics:
         """Return the optics for a frame: how far they reach depends on its light."""
         assert self.anchored is not None
-        light = float(np.sum(frame.electrons, where=~frame.mask))
-        return replace(self.anchored, photons=max(light, 1.0))
+        return replace(self.anchored, photons=frame.light)
 
     def changes(self, frame: Frame) -> bool:
         """Return whether a frame starts otherwise than from a cold start."""

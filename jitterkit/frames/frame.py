@@ -290,6 +290,11 @@ class Frame(Placed):
                 raise JitterkitError(ErrorCode.OUT_OF_RANGE, problem)
 
     @property
+    def light(self) -> float:
+        """Return the sum of all pixels in use, e-; at least one."""
+        return max(float(np.sum(self.electrons, where=~self.mask)), 1.0)
+
+    @property
     def variance(self) -> np.ndarray:
         """Variance of ``electrons`` [e-²], its photon noise estimated from the data themselves.
 

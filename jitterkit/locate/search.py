@@ -20,6 +20,7 @@ from jitterkit.locate.pair import FoundPair, find_pairs, find_star
 from jitterkit.locate.residual import Residual
 from jitterkit.locate.start import Start, polished, with_best_signs, with_exact_slopes
 from jitterkit.loci.base import Locus
+from jitterkit.optics.anchored import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import OpticalSystem, Optics
 from jitterkit.scene import Binary, FurtherStars, Scene, Stars
@@ -42,14 +43,14 @@ def _starting_optics(optics: Optics, hold: Collection[str]) -> OTF:
     A pupil that is its own mirror image has no derivative by focus and astigmatism at zero, where a fit would
     stay whatever they are: 15 nm of focus were taken for jitter, and moments were wrong by seven errors.
     """
-    nominal = optics.nominal
-    if not isinstance(optics, OpticalSystem):
+    system, nominal = optics.system, optics.nominal
+    if isinstance(optics, AnchoredOptics) or not isinstance(system, OpticalSystem):
         return nominal  # about a wavefront that is known
-    unseen = [i for i in np.flatnonzero(optics.mode_effects < _UNSEEN) if nominal.names[i] not in hold]
+    unseen = [i for i in np.flatnonzero(system.mode_effects < _UNSEEN) if nominal.names[i] not in hold]
     if not unseen:
         return nominal
     state = np.array(nominal.state)
-    state[unseen] = _OFF_ZERO / optics.mode_phases[unseen]
+    state[unseen] = _OFF_ZERO / system.mode_phases[unseen]
     return optics.otf(state)
 
 

@@ -15,7 +15,6 @@ from jitterkit.linearisation import LINEARISATION_TOLERANCE, linearisation_error
 from jitterkit.loci.base import Locus
 from jitterkit.loci.elliptic import Mvn
 from jitterkit.metric import invert_information
-from jitterkit.optics.anchored import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.scene import Scene
@@ -99,8 +98,8 @@ def with_best_signs(
     if not known:
         return start
     sizes = np.sqrt(np.diag(start.covariance_of(known)))
-    flat = optics.system.nominal if isinstance(optics, AnchoredOptics) else optics.nominal
-    first, here = (np.linalg.norm(np.asarray(one.jacobian), axis=(1, 2)) for one in (flat, start.otf))
+    both = optics.system.nominal, start.otf
+    first, here = (np.linalg.norm(np.asarray(one.jacobian), axis=(1, 2)) for one in both)
     positions = [start.otf.names.index(name) for name in known]
     turned = [
         i

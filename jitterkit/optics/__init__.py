@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jitterkit.optics.anchor import Anchor
-    from jitterkit.optics.anchored import AnchoredOptics
+    from jitterkit.optics.anchored import AnchoredOptics, SelfAnchoringOptics
     from jitterkit.optics.colours import Colours, blackbody_index, colours_of
     from jitterkit.optics.empirical import empirical_otf
     from jitterkit.optics.expansion import expand, grid_for
@@ -38,6 +38,7 @@ __all__ = [
     "OpticalSystem",
     "Optics",
     "Pupil",
+    "SelfAnchoringOptics",
     "Spectrum",
     "blackbody_index",
     "colours_of",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +21,13 @@ _UNSEEN = 0.05
 _SLOPES = 0.1
 """Rms phase [rad] up to which the derivatives are taken from the anchor, where the value no longer can be:
 they are off by up to 2 % there."""
+
+_WORTH = 8
+"""Expansions of states near each other from which an anchor saves time.  Making one takes as long as 5 (18
+hexagons, 9 modes) or 9 (TOLIMAN, 20 modes)."""
+
+_ANCHORS, _REMEMBERED = 2, 64
+"""Anchors that are kept, of a star and of a pair; and states that were expanded."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class AnchoredOptics:
 
     def left_out(self, aberrations) -> float:
         """Return an upper bound on the anchor's error in the image, in sigmas of the whole."""
-        return float(_THIRD_ORDER * np.sqrt(self.photons) * self._distance(aberrations) ** 3)
+        return _left_out(self.photons, self._distance(aberrations))
 
     def _distance(self, aberrations) -> float:
         """Return the rms phase [rad] from the anchor."""
@@ -79,3 +87,62 @@ class AnchoredOptics:
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Expand the optics near a state, as :class:`Optics` has it; derivatives cost nothing here."""
         return self.otf(aberrations)
+
+
+def _left_out(photons: float, phase: float) -> float:
+    """Return what the second order leaves out of an image at a distance [rad rms], in sigmas of the whole."""
+    return float(_THIRD_ORDER * np.sqrt(photons) * phase**3)
+
+
+@dataclass(frozen=True)
+class SelfAnchoringOptics:
+    """The optics of one frame, whose fits ask again and again for states close to each other.
+
+    They are expanded, until so many lie near one that an anchor about it saves time.
+
+    Parameters
+    ----------
+    system : OpticalSystem
+    photons : float
+        Of the frame: how small a change it shows.
+    """
+
+    system: OpticalSystem
+    photons: float
+    _anchored: deque[AnchoredOptics] = field(default_factory=lambda: deque(maxlen=_ANCHORS), init=False)
+    _expanded: deque[np.ndarray] = field(default_factory=lambda: deque(maxlen=_REMEMBERED), init=False)
+
+    @property
+    def nominal(self) -> OTF:
+        """Return the transfer function to start from."""
+        return self.system.nominal
+
+    def phase(self, aberrations) -> float:
+        """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
+        return self.system.phase(aberrations)
+
+    def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
+        """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
+        anchored = self._reaching(aberrations, anew=derivatives)
+        return (anchored or self.system).otf(aberrations, derivatives=derivatives)
+
+    def near(self, aberrations, slopes: OTF) -> OTF:
+        """Expand the optics near a state, as :class:`Optics` has it."""
+        anchored = self._reaching(aberrations, anew=False)
+        return self.system.near(aberrations, slopes) if anchored is None else anchored.otf(aberrations)
+
+    def _reaching(self, aberrations, *, anew: bool) -> AnchoredOptics | None:
+        """Return optics by an anchor that reaches a state, perhaps a new one; None where none does."""
+        for anchored in self._anchored:
+            if anchored.reaches(aberrations):
+                return anchored
+        if not anew:
+            return None
+        state = np.array(aberrations, float)
+        apart = [self.system.phase(state - other) for other in self._expanded]
+        if sum(_left_out(self.photons, phase) < _UNSEEN for phase in apart) < _WORTH:
+            self._expanded.append(state)
+            return None
+        anchor = Anchor.at(self.system, state)
+        self._anchored.appendleft(AnchoredOptics.about(self.system, anchor, self.photons))
+        return self._anchored[0]

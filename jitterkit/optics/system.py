@@ -46,6 +46,11 @@ class Optics(Protocol):
     """Define what a fit needs of a telescope's optics on one grid."""
 
     @property
+    def system(self) -> Optics:
+        """Return the optics that none of the expansions kept for a frame replaces."""
+        ...
+
+    @property
     def nominal(self) -> OTF:
         """Return the transfer function to start from."""
         ...
@@ -90,6 +95,11 @@ class OpticalSystem:
     plate_scale_sigma: float = 0.0
     of_b: tuple[str, ...] = ()
     _latest: _Latest = field(default_factory=_Latest, init=False, repr=False, compare=False)
+
+    @property
+    def system(self) -> OpticalSystem:
+        """Return the system itself."""
+        return self
 
     @property
     def further(self) -> Further:
@@ -200,6 +210,11 @@ class FixedOptics:
     """A transfer function that is what it is: an empirical PSF, which holds the detector's diffusion too."""
 
     nominal: OTF
+
+    @property
+    def system(self) -> FixedOptics:
+        """Return the optics themselves."""
+        return self
 
     @property
     def names(self) -> tuple[str, ...]:

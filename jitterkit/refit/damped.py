@@ -58,8 +58,8 @@ def damped_scoring(
     def values_of(result: ScoringResult) -> np.ndarray:
         return np.asarray(to_vector(result.parameters)[0])[list(free)]
 
-    def exact(parameters: Parameters, otf: OTF, known=None):
-        return fisher_scoring(parameters, otf, data, free, prior, max_steps=0, known=known)
+    def exact(parameters: Parameters, otf: OTF) -> ScoringResult:
+        return fisher_scoring(parameters, otf, data, free, prior, max_steps=0)
 
     otf = optics.otf(np.asarray(start.aberrations))
     here, iterations = exact(start, otf), 0
@@ -72,14 +72,13 @@ def damped_scoring(
         where = here.parameters, otf, data, free, limited
         end = fisher_scoring(*where, max_steps=max_steps, tolerance=tolerance, known=here.information)
         iterations += int(end.iterations)
-        state = np.asarray(end.parameters.aberrations)
-        there = exact(end.parameters, optics.near(state, otf), end.information)
+        there_otf = optics.otf(np.asarray(end.parameters.aberrations))
+        there = exact(end.parameters, there_otf)
         gain = float(here.objective - there.objective)
         beside = _cost(limited, values_of(end)) - _cost(prior, values_of(end))
         foreseen = float(here.objective - end.objective) + beside
         if gain > 0:
-            otf = optics.otf(state)
-            here = exact(end.parameters, otf)
+            here, otf = there, there_otf
         if not gain > _BENT[0] * foreseen:
             stiffness *= _STIFFER
         elif gain > _BENT[1] * foreseen:

@@ -24,9 +24,8 @@ from jitterkit.linearisation import (
     relinearised_scoring,
 )
 from jitterkit.locate import ModelError, allow_for_model, check_model_error
-from jitterkit.loci import Locus, Streak
+from jitterkit.loci import Locus, Mvn, Path, Streak
 from jitterkit.metric import invert_information
-from jitterkit.optics import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
 from jitterkit.refit.boundary import (
@@ -84,6 +83,9 @@ class FitOptions:
         Error of the expected light in each pixel, 1 sigma, as a share of it, to be added to the variance; or
         as large as the residual shows (:func:`~jitterkit.locate.allow_for_model`).  Zero leaves what the
         data have.
+    rival : float
+        Deviance of another reading of the frame.  A fit that settles far above it is given up, unless its
+        locus is a normal, from which others start, or a path, which gets more knots.
     """
 
     hold: Collection[str] = ()
@@ -92,6 +94,7 @@ class FitOptions:
     nodes: int | None = None
     may_be_still: bool = False
     model_error: ModelError = 0.0
+    rival: float = np.inf
 
     def __post_init__(self) -> None:
         """Raise if the model error is not valid."""
@@ -205,13 +208,13 @@ def _fit_and_expand(
     }
     max_error = linearisation_tolerance(max(_least_error(start.locus), options.tolerance))
     damped = False
+    rival = np.inf if isinstance(start.locus, Mvn | Path) else options.rival
 
     def is_exact(end: ScoringResult, otf: OTF) -> bool:
         return linearisation_error(optics, end.parameters, otf) < max_error
 
     def converges(end: ScoringResult, otf: OTF) -> tuple[bool, bool]:
-        system = optics.system if isinstance(optics, AnchoredOptics) else optics
-        unseen = () if bool(end.converged) else system.nominal.blind()
+        unseen = () if bool(end.converged) else optics.system.nominal.blind()
         return convergence(end, names, unseen, otf.names, is_exact(end, otf))
 
     def fit_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
@@ -219,8 +222,11 @@ def _fit_and_expand(
         where = data, free, prior
         if damped and (settled := damped_scoring(start, optics, *where, **limits)):
             return settled
-        found = relinearised_scoring(start, otf, optics, *where, max_error=max_error, **limits)
+        how = limits | {"max_error": max_error, "rival": rival}
+        found = relinearised_scoring(start, otf, optics, *where, **how)
         if damped or is_exact(found.end, found.otf) or converges(found.end, found.otf)[0]:
+            return found
+        if found.end.objective > rival:
             return found
         if _is_poor(found.end, data) and _is_poor(fisher_scoring(start, otf, *where, max_steps=0), data):
             return found
@@ -230,7 +236,7 @@ def _fit_and_expand(
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations = fit_from(clear, start, otf)
-    hopeless = not end.converged and _is_poor(end, clear)
+    hopeless = not end.converged and (_is_poor(end, clear) or end.objective > rival)
     image = None
     for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
         image = np.asarray(expected_image(end.parameters, otf))

@@ -18,7 +18,6 @@ from scipy import stats
 from jitterkit.conventions import offsets
 from jitterkit.forward import Parameters, expected_image, parameter_names
 from jitterkit.likelihood import Data, equations_of, single_slopes
-from jitterkit.optics.anchored import AnchoredOptics
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.pupil import Pupil, zernike
 from jitterkit.optics.system import OpticalSystem, Optics
@@ -69,7 +68,7 @@ def describe_lacking_wavefront(result: FitResult, data: Data, optics: Optics, ne
     fitted its variance during the exposure: the best first, then what adds most to it.
     *Fails when* a mode shows to second order only, as even ones do of a pupil that is its own mirror image.
     """
-    system, p = optics.system if isinstance(optics, AnchoredOptics) else optics, result.parameters
+    system, p = optics.system, result.parameters
     excess = result.chi2 - result.dof
     if not isinstance(system, OpticalSystem) or p is None or result.residual is None or not excess > 0:
         return ""

@@ -63,6 +63,9 @@ are tried: pairs that were wrong had 5 and 23."""
 _LAST = max(choice.tier for choice in CHOICES.values())
 """Tier of the loci that are tried only where no other describes a frame."""
 
+_OF_A_PAIR, _SAME = ("separation", "theta", "contrast"), 0.1
+"""Errors by which these may differ between fits that began at two starts and ended at one maximum."""
+
 _ALIKE = 9.0
 """Deviance by which a scene may fit worse than another, and look like it."""
 
@@ -98,7 +101,9 @@ class Weighing:
 
     def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
         """The scene with more evidence, and by how much."""
-        one = _best(self.readings_of_star(star))
+        used = int(np.sum(np.asarray(self.data.used)))
+        rival = min([pair.deviance_dof * used for pair in pairs if not _is_split(pair)], default=math.inf)
+        one = _best(self.readings_of_star(star, rival))
         # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
         of_pairs = self.readings_of_pairs(near, one.fit)
@@ -106,7 +111,7 @@ class Weighing:
         every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
         # one star may move in another way; two that are still are simpler than that
         if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
-            one = _best([one, *self.readings_of_star(star, every=True)])
+            one = _best([one, *self.readings_of_star(star, two.fit.objective, every=True)])
             of_pairs = self.readings_of_pairs(near, one.fit) if one.evidence > two.evidence else of_pairs
             two = _best(of_pairs)
         if two.evidence > one.evidence and two.fit.locus != "stable":
@@ -145,7 +150,9 @@ class Weighing:
         Those that a normal blur brings near the frame are fitted with straight ones too, if the star needs
         more than a simple locus or a normal is not enough.
         """
-        normals = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
+        fits = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
+        first = [i for i, fit in enumerate(fits) if not any(_is_same(fit, other) for other in fits[:i])]
+        pairs, normals = [pairs[i] for i in first], [fits[i] for i in first]
         used = int(np.sum(np.asarray(self.data.used)))
         least = min(np.nan_to_num(fit.objective, nan=np.inf) for fit in normals) - used
         near = [fit.objective - used < max(_NEARLY * least, least + _ALIKE) for fit in normals]
@@ -161,7 +168,7 @@ class Weighing:
 
     def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
         """Return a frame's evidence for one star and for a pair, without their priors."""
-        names = ("separation", "theta", "contrast")
+        names = _OF_A_PAIR
         if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
         indices = [two.fit.names.index(name) for name in names]
@@ -183,14 +190,17 @@ class Weighing:
         where = self.data, self.optics, otf, parameters.scene, blur
         return polished(*where, self.options.hold, rough=self.rough)
 
-    def readings_of_star(self, start: Start, *, every: bool = False) -> Iterator[_Reading]:
-        """One star with the best of the loci, with straight ones or every one, and without jitter."""
-        common = self.common(start)
+    def readings_of_star(self, start: Start, rival: float, *, every: bool = False) -> Iterator[_Reading]:
+        """One star with the best of the loci, with straight ones or every one, and without jitter.
+
+        A fit is given up that stays far above the deviance of a pair.
+        """
+        common = self.common(start, rival=rival)
         jittered = fit_best_locus(*common, every=every)
         weights = {one.locus: one.evidence for one in jittered.candidates}
         if weights and jittered.status is Status.OK and _is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in weights]
-            near = self.common(start, jittered)
+            near = self.common(start, jittered, rival)
             weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not (every or _surely(start) or jittered.status is Status.POOR_FIT):
@@ -237,7 +247,7 @@ class Weighing:
         weights = dict.fromkeys(CHOICES, -math.inf) | {c.locus: c.evidence for c in candidates}
         return self.jittered(one.start, fit, weights, seen=True)
 
-    def common(self, start: Start, fit: FitResult | None = None):
+    def common(self, start: Start, fit: FitResult | None = None, rival: float = math.inf):
         """Return the arguments of fits that begin at a start or where one ended."""
         if fit is None or fit.parameters is None:
             moments, parameters, otf = (
@@ -248,7 +258,7 @@ class Weighing:
         else:
             moments, parameters = fit.moments()[0], fit.parameters
             otf = self.optics.otf(parameters.aberrations)
-        return self.data, self.optics, parameters, moments, otf, self.options
+        return self.data, self.optics, parameters, moments, otf, replace(self.options, rival=rival)
 
     def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> _Reading:
         """Each locus is as probable as any other before the frame is seen; what is not seen has no size."""
@@ -291,6 +301,12 @@ def _has_a_size(fit: FitResult) -> bool:
     moments, covariance = fit.moments()
     error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
     return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
+
+
+def _is_same(fit: FitResult, other: FitResult) -> bool:
+    """Return whether fits of two pairs ended at the same maximum."""
+    moved = [abs(fit.of_scene(name) - other.of_scene(name)) / fit.error(name) for name in _OF_A_PAIR]
+    return abs(fit.objective - other.objective) < _SAME**2 and max(moved) < _SAME
 
 
 def _needs_more(star: FitResult, normal: FitResult) -> bool:
