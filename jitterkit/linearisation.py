@@ -33,15 +33,21 @@ _NEAR = 0.15
 """Rms phase [rad] up to which the derivatives of another wavefront do for a rough maximum.  Those of a flat
 one through a symmetric pupil are zero for focus and astigmatism; a star of 0.4 rad was not found."""
 
+_APPROACHING, _UNCERTAIN = 0.5, 4
+"""Ratio to the best error before of that of two rounds, above which maxima do not approach each other; and
+rounds before this is asked.  Of 190 fits near the resolution limit 28 would have settled in later rounds,
+after three on the average; the others had taken seven each in vain."""
+
 _STALLED_RATIO, _STALLED_ROUNDS = 0.9, 2
 """A maximisation has stalled if it does not reduce the deviance below that share.  After so many in a row a
 fit is abandoned that would still be poor if all that are left did as well as the best of these."""
 
 
-_LOST, _SETTLING = 20.0, 5.0
-"""Deviance by which another model is better beyond doubt, as a fit of all loci may be left out that is worse
-by 10 nats; and ratio of what is left to what the latest round changed.  In later rounds of 150 fits of stars
-to pairs near the resolution the least deviance fell by less than twice what their second had changed."""
+LOST, _SETTLING = 100.0, 5.0
+"""Deviance by which another model is better beyond doubt: odds of e^50, where priors of three parameters more
+or fewer make up to e^25; and ratio of what is left to what the latest round changed.  In later rounds of 150
+fits of stars to pairs near the resolution the least deviance fell by less than twice what their second had
+changed."""
 
 
 class Stall:
@@ -79,7 +85,7 @@ class Losing:
         """Return whether nothing of what a round changes brings the deviance, the latest, near the rival."""
         moved, self._latest = abs(deviance - self._latest), deviance
         self._least = min(self._least, deviance)
-        return self._least - self._rival > max(_LOST, _SETTLING * moved)
+        return bool(np.isfinite(moved)) and self._least - self._rival > max(LOST, _SETTLING * moved)
 
 
 class Expanded(NamedTuple):
@@ -93,11 +99,14 @@ class Expanded(NamedTuple):
         The optics of the last maximisation.
     iterations : int
         Of all maximisations.
+    is_hopeless : bool
+        Whether it was given up because it would end far above the noise, or a rival.
     """
 
     end: ScoringResult
     otf: OTF
     iterations: int
+    is_hopeless: bool = False
 
 
 def relinearised_scoring(
@@ -116,6 +125,7 @@ def relinearised_scoring(
     errors: bool = True,
     keep_slopes: bool = False,
     rival: float = np.inf,
+    patient: bool = True,
 ) -> Expanded:
     """Maximise the posterior, and expand the optics again at the maximum, until the expansion is exact there.
 
@@ -137,12 +147,14 @@ def relinearised_scoring(
         tenth of the work, for a rough maximum.
     rival : float
         Deviance of another model of the frame: a fit that settles far above it is given up.
+    patient : bool
+        Whether to go on where the maxima do not approach each other.
 
     Returns
     -------
     expanded : Expanded
     """
-    iterations, before, way, slopes_at = 0, np.inf, None, np.asarray(otf.state)
+    iterations, misses, way, slopes_at = 0, [np.inf], None, np.asarray(otf.state)
     stall, losing = Stall(), Losing(rival)
     for left in reversed(range(max_expansions)):
         end = fisher_scoring(
@@ -163,16 +175,22 @@ def relinearised_scoring(
             return Expanded(end, otf, iterations)
         level = float(end.objective) / int(np.sum(np.asarray(data.used)))
         hopeless = stall.is_hopeless(level, left) or losing.is_certain(float(end.objective))
-        if hopeless or not left:
+        misses.append(error)
+        if hopeless or not left or not (patient or _approach(misses[1:])):
             break
         here = (np.asarray(otf.state), np.asarray(start.aberrations))
-        there = here[1] if way is None or error < _FAST_CONVERGENCE * before else _extrapolated(way, here)
-        before, way = error, here
+        there = here[1] if way is None or error < _FAST_CONVERGENCE * misses[-2] else _extrapolated(way, here)
+        way = here
         if keep_slopes and optics.phase(there - slopes_at) < _NEAR:
             otf = optics.near(there, otf)
         else:
             otf, slopes_at = optics.otf(there), there
-    return Expanded(end._replace(converged=np.asarray(False)), otf, iterations)
+    return Expanded(end._replace(converged=np.asarray(False)), otf, iterations, hopeless)
+
+
+def _approach(misses: list[float]) -> bool:
+    """Return whether the maxima of the latest rounds approach each other, or it is too early to say."""
+    return len(misses) < _UNCERTAIN or min(misses[-2:]) < _APPROACHING * min(misses[:-2])
 
 
 def _extrapolated(before: tuple[np.ndarray, np.ndarray], now: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

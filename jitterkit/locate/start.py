@@ -182,7 +182,7 @@ def _fitted_briefly(
         jnp.zeros(len(free)), jnp.diag(jnp.array([_ABERRATION_PRIOR**-2 * (n in otf.names) for n in names]))
     )
     used = max(int(np.sum(np.asarray(data.used))), 1)
-    end, otf, _ = relinearised_scoring(
+    end, otf, *_ = relinearised_scoring(
         here,
         otf,
         optics,

@@ -195,7 +195,7 @@ class ReferenceFrame:
     ) -> RegistrationResult | None:
         root = np.sqrt(np.array([1 / light if name.startswith(_OF_LIGHT) else light for name in self.names]))
         optics = replace(self.optics, photons=max(float(start.scene.flux), 1.0))
-        end, otf, _ = relinearised_scoring(
+        end, otf, *_ = relinearised_scoring(
             start,
             optics.nominal,
             optics,

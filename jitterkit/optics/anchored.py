@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jitterkit.optics.anchor import Anchor
+from jitterkit.optics.anchor import Anchor, SecondOrder
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import OpticalSystem
 
-_THIRD_ORDER = 1.5
+THIRD_ORDER = 1.5
 """What the second order leaves out of an image, as a share of it, by the cube of the phase's rms [rad]: 0.5
 to 1.2 for every mode of TOLIMAN's pupil and for mixtures of them."""
 
@@ -21,6 +21,9 @@ _UNSEEN = 0.05
 _SLOPES = 0.1
 """Rms phase [rad] up to which the derivatives are taken from the anchor, where the value no longer can be:
 they are off by up to 2 % there."""
+
+_BENT = 0.3
+"""Rms phase [rad] up to which second derivatives do for a step that is checked by exact optics."""
 
 _WORTH = 8
 """Expansions of states near each other from which an anchor saves time.  Making one takes as long as 5 (18
@@ -65,7 +68,7 @@ class AnchoredOptics:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
-        if self._distance(aberrations) > _SLOPES:
+        if self.distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations, self.coarse)
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
@@ -76,9 +79,9 @@ class AnchoredOptics:
 
     def left_out(self, aberrations) -> float:
         """Return an upper bound on the anchor's error in the image, in sigmas of the whole."""
-        return _left_out(self.photons, self._distance(aberrations))
+        return float(THIRD_ORDER * np.sqrt(self.photons) * self.distance(aberrations) ** 3)
 
-    def _distance(self, aberrations) -> float:
+    def distance(self, aberrations) -> float:
         """Return the rms phase [rad] from the anchor."""
         modes = len(self.anchor.state)
         state, beside = self.anchor.further.split(np.asarray(aberrations), modes)
@@ -88,10 +91,9 @@ class AnchoredOptics:
         """Expand the optics near a state, as :class:`Optics` has it; derivatives cost nothing here."""
         return self.otf(aberrations)
 
-
-def _left_out(photons: float, phase: float) -> float:
-    """Return what the second order leaves out of an image at a distance [rad rms], in sigmas of the whole."""
-    return float(_THIRD_ORDER * np.sqrt(photons) * phase**3)
+    def second_order(self, aberrations) -> SecondOrder:
+        """Return the second derivatives, which hardly depend on the state."""
+        return self.anchor.second
 
 
 @dataclass(frozen=True)
@@ -123,26 +125,37 @@ class SelfAnchoringOptics:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
-        anchored = self._reaching(aberrations, anew=derivatives)
+        anchored = self._beside(aberrations, anew=derivatives)
         return (anchored or self.system).otf(aberrations, derivatives=derivatives)
 
     def near(self, aberrations, slopes: OTF) -> OTF:
         """Expand the optics near a state, as :class:`Optics` has it."""
-        anchored = self._reaching(aberrations, anew=False)
+        anchored = self._beside(aberrations, anew=False)
         return self.system.near(aberrations, slopes) if anchored is None else anchored.otf(aberrations)
 
-    def _reaching(self, aberrations, *, anew: bool) -> AnchoredOptics | None:
-        """Return optics by an anchor that reaches a state, perhaps a new one; None where none does."""
+    def second_order(self, aberrations) -> SecondOrder:
+        """Return second derivatives about ``aberrations`` [nm], or near them."""
+        state = np.array(aberrations, float)
         for anchored in self._anchored:
-            if anchored.reaches(aberrations):
+            if anchored.distance(state) < _BENT:
+                return anchored.anchor.second
+        return self._anchored_at(state).anchor.second
+
+    def _beside(self, aberrations, *, anew: bool) -> AnchoredOptics | None:
+        """Return optics by an anchor near a state, perhaps a new one; None where there is none."""
+        for anchored in self._anchored:
+            if anchored.distance(aberrations) < _SLOPES:
                 return anchored
         if not anew:
             return None
         state = np.array(aberrations, float)
         apart = [self.system.phase(state - other) for other in self._expanded]
-        if sum(_left_out(self.photons, phase) < _UNSEEN for phase in apart) < _WORTH:
+        if sum(phase < _SLOPES for phase in apart) < _WORTH:
             self._expanded.append(state)
             return None
-        anchor = Anchor.at(self.system, state)
-        self._anchored.appendleft(AnchoredOptics.about(self.system, anchor, self.photons))
-        return self._anchored[0]
+        return self._anchored_at(state)
+
+    def _anchored_at(self, state: np.ndarray) -> AnchoredOptics:
+        anchored = AnchoredOptics.about(self.system, Anchor.at(self.system, state), self.photons)
+        self._anchored.appendleft(anchored)
+        return anchored

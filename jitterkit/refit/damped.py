@@ -7,25 +7,40 @@ the other: :func:`~jitterkit.linearisation.relinearised_scoring` does not settle
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jitterkit.forward import Parameters, parameter_names, to_vector
-from jitterkit.likelihood import Data
-from jitterkit.linearisation import Expanded, error_per_square
+from jitterkit.likelihood import Data, deviance
+from jitterkit.linearisation import Expanded
 from jitterkit.metric import Prior, invert_information
+from jitterkit.optics.anchor import SecondOrder
+from jitterkit.optics.anchored import THIRD_ORDER, AnchoredOptics, SelfAnchoringOptics
 from jitterkit.optics.otf import OTF
-from jitterkit.optics.system import Optics
+from jitterkit.optics.system import OpticalSystem, Optics
+from jitterkit.precision import from_parts, to_parts
 from jitterkit.scoring import fisher_scoring
 from jitterkit.scoring_loop import ScoringResult
 
-_BENT, _STIFFER = (0.25, 0.75), 4.0
-"""Ratios of a reduction of the deviance to the one foreseen, below and above which the penalty is multiplied
-and divided by a factor."""
+_RAISED, _LOWERED = 4.0, 1 / 3
+"""Factors of the penalty: after a step that made things worse, squared after another; and at least after one
+that did what was foreseen (H. B. Nielsen, IMM-REP-1999-05, Technical University of Denmark)."""
+
+_LEAST = 0.2
+"""Share of the information on a combination of aberrations that is left of its curvature at least; 0.1 to 0.6
+take the same number of steps."""
+
+_SQUARED = 100.0
+"""Ratio to the information from which a mode shows by its square only: 1 to 12 of hexagons, 1e6 and more at
+zero of a pupil that is its own mirror image."""
 
 _STEPS, _SETTLED = 40, 0.02
-"""Steps at most, each with an expansion of the optics (11 to 34 of frames of 3,500 to 22,000 electrons
-through 18 hexagons); and the length of the step that remains where they end, in standard errors."""
+"""Steps at most (3 to 13 of frames of 2,000 to 20,000 electrons through 18 hexagons; up to 27 with the
+curvature of the first order); and the length of the step that remains where they end, in standard errors."""
 
 
 def damped_scoring(
@@ -40,8 +55,9 @@ def damped_scoring(
 ) -> Expanded | None:
     """Maximise the posterior, with a penalty on each change of the wavefront.
 
-    A step maximises the linearised posterior under the penalty.  It is made if the exact posterior becomes
-    larger; the penalty follows how well that was foreseen (Levenberg and Marquardt).
+    A step maximises the posterior in optics of first order, with what their second order adds to the
+    curvature, under the penalty.  It is made if the exact posterior becomes larger; the penalty follows how
+    well that was foreseen (Levenberg and Marquardt).
 
     Parameters
     ----------
@@ -51,8 +67,8 @@ def damped_scoring(
     Returns
     -------
     expanded : Expanded or None
-        Its score, information and curvature are without the penalty.  None where the steps ran out: a mode
-        that a symmetric pupil shows by its square only has no derivative where it is zero.
+        Its score, information and curvature are without the penalty.  None where the steps ran out, and at
+        zero of a mode that a symmetric pupil shows by its square only: its information is no curvature.
     """
 
     def values_of(result: ScoringResult) -> np.ndarray:
@@ -61,35 +77,87 @@ def damped_scoring(
     def exact(parameters: Parameters, otf: OTF) -> ScoringResult:
         return fisher_scoring(parameters, otf, data, free, prior, max_steps=0)
 
+    if isinstance(optics, OpticalSystem):
+        optics = SelfAnchoringOptics(optics, abs(float(start.scene.flux)))
+    assert isinstance(optics, AnchoredOptics | SelfAnchoringOptics)  # no others have aberrations
     otf = optics.otf(np.asarray(start.aberrations))
     here, iterations = exact(start, otf), 0
+    bend, ratio = _bend(here, otf, optics, data, free)
     squares = _squared_phases(start, otf, optics, free)
-    stiffness = error_per_square(start)  # a change that is off by one sigma costs a deviance of one
+    # a change that is off by one sigma costs a deviance of one
+    stiffness = (THIRD_ORDER * np.sqrt(abs(float(start.scene.flux)))) ** (2 / 3)
+    raised = _RAISED
     for _ in range(_STEPS):
-        if _left(here) < _SETTLED:
+        if _left(here, bend) < _SETTLED:
+            if ratio > _SQUARED:
+                break
             return Expanded(here._replace(converged=np.asarray(True)), otf, iterations)
-        limited = _limited(prior, np.diag(stiffness * squares), values_of(here))
+        centre = values_of(here)
+        limited = _limited(prior, np.diag(stiffness * squares) + bend, centre)
         where = here.parameters, otf, data, free, limited
         end = fisher_scoring(*where, max_steps=max_steps, tolerance=tolerance, known=here.information)
         iterations += int(end.iterations)
         there_otf = optics.otf(np.asarray(end.parameters.aberrations))
         there = exact(end.parameters, there_otf)
         gain = float(here.objective - there.objective)
-        beside = _cost(limited, values_of(end)) - _cost(prior, values_of(end))
+        moved = values_of(end) - centre
+        beside = _cost(limited, values_of(end)) - _cost(prior, values_of(end)) - moved @ bend @ moved
         foreseen = float(here.objective - end.objective) + beside
         if gain > 0:
             here, otf = there, there_otf
-        if not gain > _BENT[0] * foreseen:
-            stiffness *= _STIFFER
-        elif gain > _BENT[1] * foreseen:
-            stiffness /= _STIFFER
+            bend, ratio = _bend(here, otf, optics, data, free)
+            stiffness, raised = stiffness * max(_LOWERED, 1 - (2 * gain / foreseen - 1) ** 3), _RAISED
+        else:
+            stiffness, raised = stiffness * raised, raised**2
     return None
 
 
-def _left(here: ScoringResult) -> float:
+def _bend(
+    here: ScoringResult, otf: OTF, optics, data: Data, free: tuple[int, ...]
+) -> tuple[np.ndarray, float]:
+    """Return what second derivatives by the aberrations add to the information on free parameters.
+
+    Where they would make the curvature negative, a share of the information is left of it.
+
+    Returns
+    -------
+    added : (p, p) array
+    ratio : float
+        Its largest ratio to the information.
+    """
+    second = optics.second_order(np.asarray(here.parameters.aberrations))
+    names = parameter_names(here.parameters, otf.names)
+    modes = [i for i in range(len(second.curvature)) if names.index(otf.names[i]) in free]
+    added = np.zeros((len(free), len(free)))
+    covariance, sound = invert_information(here.curvature)
+    if not (modes and sound):
+        return added, 0.0
+    places = np.ix_(*[[free.index(names.index(otf.names[i])) for i in modes]] * 2)
+    bend = np.asarray(_products(here.parameters, otf, data.for_likelihood, second))[np.ix_(modes, modes)]
+    unit = np.linalg.cholesky(covariance[places])
+    ratios, axes = np.linalg.eigh(unit.T @ bend @ unit)
+    way = np.linalg.solve(unit.T, axes)
+    added[places] = (way * np.maximum(ratios, _LEAST - 1)) @ way.T
+    return added, float(ratios[-1])
+
+
+@eqx.filter_jit
+def _products(parameters: Parameters, otf: OTF, data: Data, second: SecondOrder):
+    """Return half of the deviance's derivatives by products of two modes (k, k), by its adjoint."""
+
+    def at(parts):
+        return deviance(parameters, replace(otf, value=from_parts(parts)), data)
+
+    adjoint, (i, j) = jax.grad(at)(to_parts(otf.value)), np.indices(2 * (len(second.curvature),))
+    rows = second.rows(i.ravel(), j.ravel(), otf.grid)
+    return (jnp.tensordot(rows, adjoint.astype(rows.dtype), 3) / 2).reshape(i.shape)
+
+
+def _left(here: ScoringResult, bend: np.ndarray) -> float:
     """Return the length of the step that remains without a penalty, in standard errors."""
-    covariance, _ = invert_information(here.curvature)
-    return float(np.sqrt(here.score @ covariance @ here.score))
+    inverse, _ = invert_information(here.curvature + bend)
+    step = inverse @ here.score
+    return float(np.sqrt(step @ here.curvature @ step))
 
 
 def _squared_phases(start: Parameters, otf: OTF, optics: Optics, free: tuple[int, ...]) -> np.ndarray:
@@ -109,8 +177,8 @@ def _limited(prior: Prior, penalty: np.ndarray, centre: np.ndarray) -> Prior:
     """Return a prior together with a penalty on the distance from a point, but for a constant."""
     precision = np.asarray(prior.precision) + penalty
     pull = np.asarray(prior.precision) @ np.asarray(prior.mean) + penalty @ centre
-    known = np.flatnonzero(np.diag(precision) > 0)
-    scale = np.sqrt(np.diag(precision)[known])
+    known = np.flatnonzero(np.any(precision, axis=1))
+    scale = np.sqrt(np.max(np.abs(precision[known]), axis=1))
     mean = np.array(prior.mean, float)
     unit = precision[np.ix_(known, known)] / np.outer(scale, scale)
     mean[known] = np.linalg.lstsq(unit, pull[known] / scale, rcond=None)[0] / scale

@@ -19,6 +19,7 @@ from jitterkit.forward import Parameters, expected_image, free_parameters
 from jitterkit.likelihood import MISFIT, POOR, Data, pearson
 from jitterkit.linearisation import (
     LINEARISATION_TOLERANCE,
+    LOST,
     Expanded,
     linearisation_error,
     relinearised_scoring,
@@ -85,7 +86,7 @@ class FitOptions:
         data have.
     rival : float
         Deviance of another reading of the frame.  A fit that settles far above it is given up, unless its
-        locus is a normal, from which others start, or a path, which gets more knots.
+        locus is a path, which gets more knots; a normal, from which others start, is not damped there.
     """
 
     hold: Collection[str] = ()
@@ -207,36 +208,35 @@ def _fit_and_expand(
         "tolerance": max(valley, options.tolerance),
     }
     max_error = linearisation_tolerance(max(_least_error(start.locus), options.tolerance))
-    damped = False
-    rival = np.inf if isinstance(start.locus, Mvn | Path) else options.rival
+    blind, damped = optics.system.nominal.blind(), False
+    patient = bool(set(blind) & set(names))  # where the sign of a mode is unknown, maxima never settle
+    rival = np.inf if isinstance(start.locus, Path) else options.rival
 
     def is_exact(end: ScoringResult, otf: OTF) -> bool:
         return linearisation_error(optics, end.parameters, otf) < max_error
 
     def converges(end: ScoringResult, otf: OTF) -> tuple[bool, bool]:
-        unseen = () if bool(end.converged) else optics.system.nominal.blind()
-        return convergence(end, names, unseen, otf.names, is_exact(end, otf))
+        return convergence(end, names, () if bool(end.converged) else blind, otf.names, is_exact(end, otf))
 
     def fit_from(data: Data, start: Parameters, otf: OTF) -> Expanded:
         nonlocal damped
         where = data, free, prior
         if damped and (settled := damped_scoring(start, optics, *where, **limits)):
             return settled
-        how = limits | {"max_error": max_error, "rival": rival}
-        found = relinearised_scoring(start, otf, optics, *where, **how)
-        if damped or is_exact(found.end, found.otf) or converges(found.end, found.otf)[0]:
+        how = limits | {"max_error": max_error, "rival": np.inf if isinstance(start.locus, Mvn) else rival}
+        found = relinearised_scoring(start, otf, optics, *where, **how, patient=damped or patient)
+        ended = damped or found.is_hopeless or found.end.objective > rival + LOST
+        if ended or is_exact(found.end, found.otf) or converges(found.end, found.otf)[0]:
             return found
-        if found.end.objective > rival:
-            return found
-        if _is_poor(found.end, data) and _is_poor(fisher_scoring(start, otf, *where, max_steps=0), data):
-            return found
-        settled = damped_scoring(start, optics, *where, **limits)
+        settled, at_start = None, fisher_scoring(start, otf, *where, max_steps=0)
+        if not (_is_poor(found.end, data) and _is_poor(at_start, data)):
+            settled = damped_scoring(start, optics, *where, **limits)
         damped = settled is not None
-        return settled or found
+        return settled or relinearised_scoring(found.end.parameters, found.otf, optics, *where, **how)
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
-    end, otf, iterations = fit_from(clear, start, otf)
-    hopeless = not end.converged and (_is_poor(end, clear) or end.objective > rival)
+    end, otf, iterations, *_ = fit_from(clear, start, otf)
+    hopeless = not end.converged and (_is_poor(end, clear) or end.objective > rival + LOST)
     image = None
     for _ in range(_CLEARINGS if data.trims and not hopeless else 0):
         image = np.asarray(expected_image(end.parameters, otf))
@@ -244,13 +244,13 @@ def _fit_and_expand(
         if np.array_equal(changed.used, clear.used):
             break
         clear, image = changed, None
-        end, otf, more = fit_from(clear, end.parameters, otf)
+        end, otf, more, *_ = fit_from(clear, end.parameters, otf)
         iterations += more
     scene = end.parameters.scene.canonical() if set(names) & _NAMES_STAR_A else end.parameters.scene
     if not eqx.tree_equal(scene, end.parameters.scene):
         # the covariance must be that of the canonical parameters
         canonical = eqx.tree_at(lambda p: p.scene, end.parameters, scene)
-        end, otf, more = fit_from(clear, canonical, otf)
+        end, otf, more, *_ = fit_from(clear, canonical, otf)
         iterations, image = iterations + more, None
     if image is None:
         image = np.asarray(expected_image(end.parameters, otf))

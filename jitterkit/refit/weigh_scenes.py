@@ -77,6 +77,7 @@ class _Reading:
     start: Start
     fit: FitResult
     evidence: float
+    normal: FitResult | None = None  # of a pair, with a normal blur
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Weighing:
         tried = [two] if chosen is two else [two, *of_pairs]
         like = [pair for pair in tried if self.look_alike(one, pair, chosen)]
         alike = abs(log_odds) < DECIDED or bool(like)
-        start = self.prepared(chosen) if _is_split(chosen.start) else chosen.start
+        start = self.prepared(chosen)
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
         readings = f"{_describe(one)}, or {_describe(like[0] if like else two)}"
@@ -158,7 +159,8 @@ class Weighing:
         near = [fit.objective - used < max(_NEARLY * least, least + _ALIKE) for fit in normals]
         intricate = [is_near and _needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
         readings = map(self.readings_of_pair, pairs, normals, intricate)
-        return [reading for of_pair in readings for reading in of_pair]
+        both = zip(normals, readings, strict=True)
+        return [replace(reading, normal=normal) for normal, of_pair in both for reading in of_pair]
 
     def is_worse(self, pair: Start, star: FitResult) -> bool:
         """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
@@ -183,7 +185,15 @@ class Weighing:
         )
 
     def prepared(self, reading: _Reading) -> Start:
-        """Prepare the start of a pair that was made of a blur."""
+        """Prepare the start of what was chosen: a pair's where its normal blur was fitted."""
+        normal = reading.normal
+        if normal is not None and normal.status is Status.OK and np.all(np.isfinite(normal.covariance)):
+            assert normal.parameters is not None
+            otf = self.optics.otf(normal.parameters.aberrations)
+            deviance = normal.objective / int(np.sum(np.asarray(self.data.used)))
+            return Start(normal.parameters, otf, deviance, np.linalg.inv(normal.covariance), normal.names)
+        if not _is_split(reading.start):
+            return reading.start
         parameters = reading.fit.parameters or reading.start.parameters
         otf = self.optics.otf(parameters.aberrations)
         blur = Mvn.near(reading.fit.moments()[0]) if reading.fit.parameters else None
@@ -204,19 +214,19 @@ class Weighing:
             weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not (every or _surely(start) or jittered.status is Status.POOR_FIT):
-            yield self.still(start, common)
+            yield self.still(start, self.common(start, rival=min(rival, jittered.objective)))
 
     def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[_Reading]:
         """Two stars with a normal blur, which is given, perhaps with straight ones, and without jitter."""
         weights, seen = {normal.locus: weight_of_evidence(normal)}, _has_a_size(normal)
         yield self.jittered(start, normal, weights, seen=seen)
         if straight:  # beside the normal by itself, whose evidence a mean with worse ones would lower
-            near = self.common(start, normal)
+            near = self.common(start, normal, normal.objective)
             fits = [normal, *(fit_locus(name, *near, sure=True) for name in _STREAKS)]
             weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
             yield self.jittered(start, max(fits, key=lambda fit: weights[fit.locus]), weights, seen=seen)
         if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
-            yield self.still(start, self.common(start))
+            yield self.still(start, self.common(start, rival=normal.objective))
 
     def dwelling(self, one: _Reading, two: _Reading) -> _Reading:
         """One star as it was read, or on a path that dwells where a pair's stars are, if more probable."""

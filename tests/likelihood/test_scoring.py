@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import GRADIENT, Parameters, expected_image, free_parameters, to_vector
 from jitterkit.likelihood import Data, deviance, deviance_and_score, normal_equations
-from jitterkit.linearisation import Stall
+from jitterkit.linearisation import Losing, Stall, _approach
 from jitterkit.loci import Linear, Mvn, PartialShm, Stable
 from jitterkit.metric import Prior
 from jitterkit.optics import expand, flat_band, grid_for, obstructed_circle
@@ -211,6 +211,38 @@ def test_rounds_that_do_not_come_nearer_in_time_are_hopeless(levels, hopeless):
     stall = Stall(levels[0])
     told = [stall.is_hopeless(level, left) for level, left in zip(levels[1:], (6, 5, 4), strict=True)]
     assert told == [False, hopeless, hopeless]
+
+
+@pytest.mark.parametrize(
+    ("deviances", "rival", "certain"),
+    [
+        ((5318.8, 5288.2), 4564.4, [False, True]),  # a line in place of two stars ended at 5329.9
+        ((6162.6, 9498.1, 5730.7, 5826.8), 4607.3, [False, False, False, True]),  # an ellipse, at 5839.5
+        ((4715.9, 4704.8), 4564.4, [False, True]),  # a part of a vibration, at 4683.0
+        ((4559.1, 4561.8, 4560.7), 4554.4, [False, False, False]),  # a smear: it may win
+        ((4644.0, 4644.0), 4554.4, [False, False]),  # no more than priors may make up for
+        ((4878.8, 4871.0), 5042.5, [False, False]),  # a path is better than the pair
+        ((4878.8, 4871.0), np.inf, [False, False]),
+        ((np.nan, 4871.0), 4000.0, [False, False]),
+    ],
+)
+def test_a_fit_that_settles_far_above_another_reading_has_lost(deviances, rival, certain):
+    losing = Losing(rival)
+    assert [losing.is_certain(deviance) for deviance in deviances] == certain
+
+
+@pytest.mark.parametrize(
+    ("misses", "approach"),
+    [
+        ((14.1, 97.8, 68.7), True),  # too early to say
+        ((14.1, 97.8, 68.7, 167.0), False),
+        ((3.87, 4.68, 5.94, 5.74), False),
+        ((1.18, 10.4, 15.7, 0.5), True),
+        ((298.0, 82.3, 18.3, 5.8, 10.7), True),
+    ],
+)
+def test_maxima_approach_each_other_if_the_best_of_two_rounds_halves_that_before(misses, approach):
+    assert _approach(list(misses)) == approach
 
 
 @pytest.mark.parametrize("free", [(1, 0), (0, 0), (0, 4, 2)])

@@ -112,11 +112,11 @@ def test_fits_with_slopes_apart_end_where_those_on_the_whole_grid_do(both, away,
     free = free_parameters(truth, whole.nominal, hold)[1]
     given = data, free, Prior.none(len(free))
     strict = {"max_error": 1e-3, "tolerance": 1e-6}
-    right, _, _ = relinearised_scoring(truth, whole.otf(truth.aberrations), whole, *given, **strict)
+    right, *_ = relinearised_scoring(truth, whole.otf(truth.aberrations), whole, *given, **strict)
     errors = np.sqrt(np.diag(np.linalg.inv(right.information)))
     vector, unravel = to_vector(right.parameters)
     start = unravel(vector.at[np.array(free)].add(away * errors * rng.choice([-1, 1], len(free))))
-    end, _, iterations = relinearised_scoring(start, apart.otf(start.aberrations), apart, *given)
+    end, _, iterations, *_ = relinearised_scoring(start, apart.otf(start.aberrations), apart, *given)
     assert right.converged
     assert end.converged
     assert iterations < 25

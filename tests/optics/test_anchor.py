@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jitterkit.optics import Anchor, AnchoredOptics, Grid, OpticalSystem, Pupil, expand, lines
+from jitterkit.optics import (
+    Anchor,
+    AnchoredOptics,
+    Grid,
+    OpticalSystem,
+    Pupil,
+    SelfAnchoringOptics,
+    expand,
+    lines,
+)
 from jitterkit.optics.colours import Colours
 
 STATE = np.array([3.0, -2.0, 0.0, 5.0, 1.0, -4.0, 2.0])
@@ -103,3 +112,34 @@ def test_what_the_second_order_leaves_out_is_less_than_it_says(system, anchor, s
         psf = np.asarray(system.otf(STATE + change).psf())
         error = np.asarray(anchor.otf(STATE + change).psf()) - psf
         assert 0.1 * sigmas < np.sqrt(4e7 * np.sum(error**2 / psf)) < sigmas
+
+
+def test_optics_that_are_asked_for_states_close_to_each_other_are_expanded_a_few_times(system, monkeypatch):
+    """As exact as those that are expanded each time."""
+    expanded = []
+    monkeypatch.setattr(
+        "jitterkit.optics.system.expand", lambda *a, **k: expanded.append(k["derivatives"]) or expand(*a, **k)
+    )
+    rng, photons = np.random.default_rng(3), 1e5
+    own = SelfAnchoringOptics(replace(system), photons)
+    for _ in range(30):
+        state = STATE + rng.normal(0.0, 0.6, 7)
+        before, here = len(expanded), own.otf(state)
+        made, exact = len(expanded) - before, system.otf(state)
+        assert largest(here.jacobian - exact.jacobian) < 0.02 * largest(exact.jacobian)
+        # the error of an image of so many photons, in sigmas of the whole
+        assert largest(here.value - exact.value) * np.sqrt(photons) < 0.05
+        assert made <= 1
+    assert sum(expanded) - 30 <= 10  # 30 are those that it is compared with
+    far = own.otf(STATE + 60.0)
+    np.testing.assert_array_equal(far.value, system.otf(STATE + 60.0).value)
+    assert own.phase(CHANGE) == system.phase(CHANGE)
+
+
+def test_optics_of_one_frame_differ_from_the_system_by_nothing_until_they_pay(system):
+    own = SelfAnchoringOptics(replace(system), 1e5)
+    np.testing.assert_array_equal(own.otf(STATE).value, system.otf(STATE).value)
+    np.testing.assert_array_equal(own.otf(STATE, derivatives=False).value, system.otf(STATE).value)
+    near = own.near(STATE + CHANGE, system.otf(STATE))
+    np.testing.assert_array_equal(near.slopes, system.otf(STATE).slopes)
+    assert own.system.nominal is own.nominal

@@ -9,12 +9,13 @@ import pytest
 from jitterkit.forward import Parameters, expected_image, free_parameters, to_vector
 from jitterkit.likelihood import Data
 from jitterkit.loci import Mvn
-from jitterkit.optics import OpticalSystem
+from jitterkit.optics import Anchor, OpticalSystem
 from jitterkit.optics.expansion import grid_for
 from jitterkit.optics.observatories import jwst_pupil
 from jitterkit.optics.pupil import open_pupil
 from jitterkit.optics.spectrum import flat_band
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame
+from jitterkit.refit.damped import _limited, _products, damped_scoring
 from jitterkit.scene import Star
 
 READ_NOISE = 2.4
@@ -75,3 +76,46 @@ def test_what_a_frame_shows_well_is_not_damped(segmented, monkeypatch):
     result = fit_frame(Data(image, READ_NOISE**2), segmented, start)
     assert result.status is Status.OK
     np.testing.assert_allclose(result.parameters.aberrations, 8.0, atol=0.01)
+
+
+def test_what_the_second_order_adds_to_the_curvature_is_that_of_differences_of_exact_images(segmented):
+    """Sum over pixels of 1 - n/m times the second derivative of m, by images at nine wavefronts."""
+    star, blur, state = Star(0.01, -0.02, 4e3), Mvn.of(0.06, 0.03, 20.0), np.linspace(-9.0, 12.0, 8)
+
+    def image(aberrations):
+        exact = Parameters(star, blur, np.asarray(aberrations))
+        return np.asarray(expected_image(exact, segmented.otf(exact.aberrations, derivatives=False)))
+
+    here, rng = image(state), np.random.default_rng(5)
+    data = Data(rng.poisson(image(state + 20.0)) + rng.normal(0.0, READ_NOISE, here.shape), READ_NOISE**2)
+    weights = 1 - (np.asarray(data.electrons) + READ_NOISE**2) / (here + READ_NOISE**2)
+    for i, j in [(0, 0), (1, 1), (0, 4), (7, 7), (2, 5)]:
+        a, b = 2.0 * np.eye(8)[i], 2.0 * np.eye(8)[j]
+        mixed = image(state + a + b) - image(state + a - b) - image(state - a + b) + image(state - a - b)
+        by_differences = np.sum(weights * mixed) / 16
+        second = Anchor.at(segmented, state).second
+        found = _products(Parameters(star, blur, state), segmented.otf(state), data, second)[i, j]
+        assert float(found) == pytest.approx(by_differences, rel=2e-3, abs=1e-5)
+
+
+def test_a_frame_that_says_little_about_its_wavefront_takes_few_steps(segmented, monkeypatch):
+    """Six on the average; with the curvature of the first order alone it took 15."""
+    took = []
+
+    def counted(*args, **limits):
+        found = damped_scoring(*args, **limits)
+        took.append(found)
+        return found
+
+    monkeypatch.setattr("jitterkit.refit.fit.damped_scoring", counted)
+    steps = []
+    monkeypatch.setattr("jitterkit.refit.damped._limited", lambda *a: steps.append(1) or _limited(*a))
+    for seed in (0, 5, 6):
+        rng = np.random.default_rng([3, seed])
+        truth = Parameters(Star(0.01, -0.02, 2e3), Mvn.of(0.06, 0.03, 20.0), rng.normal(0.0, 5.0, 8))
+        image = np.asarray(expected_image(truth, segmented.otf(truth.aberrations)))
+        data = Data(rng.poisson(image) + rng.normal(0.0, READ_NOISE, image.shape), READ_NOISE**2)
+        assert fit_frame(data, segmented, truth).status is Status.OK
+    assert len(took) == 3
+    assert None not in took
+    assert len(steps) < 3 * 12

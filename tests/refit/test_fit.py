@@ -13,7 +13,7 @@ from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
 from jitterkit.refit import FitOptions, Priors, Status, fit_frame, fit_locus
 from jitterkit.refit.fit import convergence_error
-from jitterkit.scene import Binary
+from jitterkit.scene import Binary, Star
 from jitterkit.scoring import fisher_scoring
 
 SCENE = Binary(5.0, 140.0, 0.3, -0.2, 3e6, 3.0)
@@ -225,6 +225,24 @@ def test_a_frame_of_another_scene_is_given_up_soon(bench, optics, deviances):
         assert result.status is Status.POOR_FIT
     assert min(deviances) > 30
     assert len(deviances) <= 3 * 6
+
+
+def test_one_star_is_given_up_where_two_are_far_nearer_to_the_frame(bench, optics, deviances):
+    """But for a normal blur, from which the others start."""
+    data = Data(bench.image(Parameters(SCENE, Mvn.of(0.1), [4.0, -3.0])), 4.0)
+    star, moments = Star(0.3, -0.2, 3e6), [3.0, 0.0, 3.0]
+    start, options = (
+        Parameters(star, Mvn.near(moments), np.zeros(2)),
+        FitOptions(rival=float(data.used.sum())),
+    )
+    took = {}
+    for locus in ("mvn", "linear", "path"):
+        for known in (FitOptions(), options):
+            deviances.clear()
+            result = fit_locus(locus, data, optics, start, moments, options=known, sure=True)
+            assert result.status is not Status.OK
+            took[locus, known.rival] = len(deviances)
+    assert took["linear", options.rival] < took["linear", np.inf]
 
 
 def test_a_bright_frame_far_off_is_not_given_up(bench, optics, deviances):
