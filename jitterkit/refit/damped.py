@@ -26,9 +26,10 @@ from jitterkit.precision import from_parts, to_parts
 from jitterkit.scoring import fisher_scoring
 from jitterkit.scoring_loop import ScoringResult
 
-_RAISED, _LOWERED = 4.0, 1 / 3
-"""Factors of the penalty: after a step that made things worse, squared after another; and at least after one
-that did what was foreseen (H. B. Nielsen, IMM-REP-1999-05, Technical University of Denmark)."""
+_RAISED, _LOWERED, _STUCK = 4.0, 1 / 3, 4.0**16
+"""Factors of the penalty: after a step that made things worse, squared after another; at least after one
+that did what was foreseen (H. B. Nielsen, IMM-REP-1999-05, Technical University of Denmark); and of the first
+to that at which no step makes things better, as at a kink of the likelihood."""
 
 _LEAST = 0.2
 """Share of the information on a combination of aberrations that is left of its curvature at least; 0.1 to 0.6
@@ -67,8 +68,9 @@ def damped_scoring(
     Returns
     -------
     expanded : Expanded or None
-        Its score, information and curvature are without the penalty.  None where the steps ran out, and at
-        zero of a mode that a symmetric pupil shows by its square only: its information is no curvature.
+        Its score, information and curvature are without the penalty.  None where steps ran out or none made
+        things better, and at zero of a mode that a symmetric pupil shows by its square only: its information
+        is no curvature.
     """
 
     def values_of(result: ScoringResult) -> np.ndarray:
@@ -86,8 +88,10 @@ def damped_scoring(
     squares = _squared_phases(start, otf, optics, free)
     # a change that is off by one sigma costs a deviance of one
     stiffness = (THIRD_ORDER * np.sqrt(abs(float(start.scene.flux)))) ** (2 / 3)
-    raised = _RAISED
+    stiffest, raised = _STUCK * stiffness, _RAISED
     for _ in range(_STEPS):
+        if stiffness > stiffest:
+            break
         if _left(here, bend) < _SETTLED:
             if ratio > _SQUARED:
                 break
@@ -106,7 +110,8 @@ def damped_scoring(
         if gain > 0:
             here, otf = there, there_otf
             bend, ratio = _bend(here, otf, optics, data, free)
-            stiffness, raised = stiffness * max(_LOWERED, 1 - (2 * gain / foreseen - 1) ** 3), _RAISED
+            share = gain / foreseen if foreseen > 0 else 0.0
+            stiffness, raised = stiffness * max(_LOWERED, 1 - (2 * share - 1) ** 3), _RAISED
         else:
             stiffness, raised = stiffness * raised, raised**2
     return None
