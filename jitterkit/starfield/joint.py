@@ -80,10 +80,13 @@ class JointFit:
     dof: int
     used: np.ndarray
 
-    def fits_better(self, other: JointFit) -> bool:
-        """Return whether it fits the stars better that both use; a fit may leave out those that tell."""
+    def fits_better(self, other: JointFit, by: float = 0.0) -> bool:
+        """Return whether its deviance is lower by more than ``by``, of the stars that both use.
+
+        A fit may leave out those that tell.
+        """
         both = self.used & other.used
-        return bool(self.deviances[both].sum() < other.deviances[both].sum())
+        return bool(self.deviances[both].sum() < other.deviances[both].sum() - by)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,16 @@ import equinox as eqx
 import numpy as np
 
 from jitterkit.kernel_estimate import is_detected, refuse_blurrier
-from jitterkit.loci import Linear, Locus, Mvn, axis_variances, covariance_on_axis, moments_on_axis
+from jitterkit.loci import (
+    Linear,
+    Locus,
+    Mvn,
+    Shm,
+    Streak,
+    axis_variances,
+    covariance_on_axis,
+    moments_on_axis,
+)
 from jitterkit.optics import OTF, empirical_otf
 from jitterkit.starfield import certainty
 from jitterkit.starfield.core import centred, fit_round_core, length_model_error, misfit_under
@@ -30,6 +39,9 @@ _CHANGED = {"wider": 0.1, "narrower": 0.5}
 """Share of a change of seeing that the line may have taken for its own variance: 0.05 of Moffat stars of
 FWHM 3.6 pixels against 3.0, 0.3 to 0.4 of 2.5 against 3.0 and of 1.6 against 2.8."""
 
+_CLEARLY = 9.0
+"""Deviance by which a vibration must fit better than a uniform line, to be taken for one: three sigma."""
+
 _CONDITION = "The length holds if stars are round without the trail; a sharp reference frame would show it."
 
 
@@ -40,11 +52,12 @@ class Trail:
     Attributes
     ----------
     locus : Locus or None
-        The line, or the normal where that fits better; None where there is no blur to be seen.
+        The line, a vibration along it, or a normal where that fits better; None where there is no blur to be
+        seen.
     moments, covariance : (3,) and (3, 3) array
         Of the pointing [pixels², pixels⁴].
     length, length_err, angle, angle_err : float
-        Of the line [pixels, deg]; no length where there is no blur to be seen.
+        Of a uniform line [pixels, deg]; no length where there is no blur to be seen.
     used : (n,) bool array
         Stars that it rests on.
     variation : (float, int)
@@ -166,16 +179,24 @@ def trail_against(psf: Psf, stars: Stars, moments: Moments, common: Common) -> T
         normal = fit_joint(some, theirs, otf, blur, noise)
         blur = normal.locus
     line, otf, changed, changes = _line(some, theirs, otf, normal, psf, noise)
-    size = line.locus.describe()
-    length, axis = size["length"], size["angle"]
+    assert isinstance(line.locus, Streak)
+    size, ratio = line.locus.describe(), 12 * line.locus.variance
+    length, axis = size["length"] * np.sqrt(ratio), size["angle"]
     to_line = np.array([[12.0, 0.0, -12.0], [0.0, 24.0, 0.0]])
-    covariance = line.covariance + to_line @ psf.covariance @ to_line.T
+    covariance = ratio**2 * line.covariance + to_line @ psf.covariance @ to_line.T
     c, s = np.cos(np.radians(2 * axis)), np.sin(np.radians(2 * axis))
     along, across = (np.sqrt(v @ covariance @ v) for v in (np.array([c, s]), np.array([-s, c])))
     major, minor, _ = axis_variances(excess)
     poor = misfit_under(stack_psf(some.chosen(line.used), theirs.chosen(line.used)), psf, otf, line.locus)
-    words = "A line over the reference's stars"
+    shape = "line" if isinstance(line.locus, Linear) else "vibration along a line"
+    words = f"A {shape} over the reference's stars"
     model_error, remarks = length_model_error(poor, words, length, major - minor)
+    if not isinstance(line.locus, Linear):
+        drawn = f"a vibration of {size['length']:.3g} pixels peak to peak"
+        own = (
+            *own,
+            f"The stars are drawn out by {drawn}; the length is a uniform line's of its variance.",
+        )
     fits = not remarks and not changes  # then even one star is the reference's, drawn along a line
     best = normal if normal.fits_better(line) else line
     coarse, coarsely = certainty.coarse_sampling(axis_variances(psf.moments)[1])
@@ -224,13 +245,18 @@ def _sharp(excess: np.ndarray, covariance: np.ndarray, common: Common, remarks: 
 def _line(
     stars: Stars, moments: Moments, otf: OTF, normal: JointFit, psf: Psf, noise: PsfNoise
 ) -> tuple[JointFit, OTF, float, tuple[str, ...]]:
-    """Fit a line; where the stars are wider across it than the PSF, after that has been widened.
+    """Fit a line or a vibration; where stars are wider across it than the PSF, after that has been widened.
 
     With the optics that the line lies over, the variance that it may owe to a change of seeing [pixels²], and
     a remark on that.
     """
     blur = np.asarray(normal.locus.moments())
-    line = fit_joint(stars, moments, otf, Linear.near(blur), noise)
+
+    def best_over(otf: OTF, noise: PsfNoise) -> JointFit:
+        line, vibration = (fit_joint(stars, moments, otf, kind.near(blur), noise) for kind in (Linear, Shm))
+        return vibration if vibration.fits_better(line, _CLEARLY) else line
+
+    line = best_over(otf, noise)
     _, minor, axis = axis_variances(blur)
     error = float(np.sqrt(covariance_on_axis(normal.covariance + psf.covariance, axis)[2, 2]))
     if abs(minor) < _WIDER * error:
@@ -238,8 +264,7 @@ def _line(
     fy, fx = otf.grid.frequencies
     widening = np.exp(-2 * np.pi**2 * minor * (fx**2 + fy**2))
     changed = eqx.tree_at(lambda o: o.value, otf, otf.value * widening)
-    noise = noise._replace(power=widening**2)
-    other = fit_joint(stars, moments, changed, Linear.near(blur), noise)
+    other = best_over(changed, noise._replace(power=widening**2))
     if line.fits_better(other):
         return line, otf, 0.0, ()  # a normal locus is narrower across than the long line it stands for
     how = "wider" if minor > 0 else "narrower"
