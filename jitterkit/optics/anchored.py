@@ -149,9 +149,9 @@ class SelfAnchoringOptics:
         if not anew:
             return None
         state = np.array(aberrations, float)
-        apart = [self.system.phase(state - other) for other in self._expanded]
+        apart = [self.system.phase(state - other) for other in self._expanded if len(other) == len(state)]
         if sum(phase < _SLOPES for phase in apart) < _WORTH:
-            self._expanded.append(state)
+            self._expanded.extend([state] * (0.0 not in apart))
             return None
         return self._anchored_at(state)
 

@@ -143,3 +143,12 @@ def test_optics_of_one_frame_differ_from_the_system_by_nothing_until_they_pay(sy
     near = own.near(STATE + CHANGE, system.otf(STATE))
     np.testing.assert_array_equal(near.slopes, system.otf(STATE).slopes)
     assert own.system.nominal is own.nominal
+
+
+def test_asking_for_one_state_again_makes_no_anchor(system, monkeypatch):
+    """Nor do states of other lengths: without what may follow the modes."""
+    monkeypatch.setattr("jitterkit.optics.anchored.Anchor.at", None)
+    wide = replace(system, plate_scale_sigma=1e-3)
+    own = SelfAnchoringOptics(wide, 1e5)
+    for state in 6 * [STATE, np.append(STATE, 0.0)]:
+        np.testing.assert_array_equal(own.otf(state).value, wide.otf(state).value)
