@@ -67,6 +67,12 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
     """
     digest = raw.digest
     raw = with_cut_off(without_border(resolve(raw, instrument, overrides or {})))
+    whole = instrument.detector.map_shape
+    if whole is not None and whole != raw.shape:
+        sizes = [f"{nx} x {ny}" for ny, nx in (raw.shape, whole)]
+        said = f"the frame has {sizes[0]} pixels and the maps of the detector {sizes[1]}: their first column"
+        remedy = "cut them to the window of the frames if it begins elsewhere"
+        raw = raw.with_metadata(raw.metadata.warn(f"{said} and row are taken for its own; {remedy}"))
     ny, nx = instrument.shape
     large = raw.shape[0] > ny or raw.shape[1] > nx
     if large:

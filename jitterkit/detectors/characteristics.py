@@ -249,6 +249,11 @@ class Characteristics:
         return known.get(name)
 
     @property
+    def map_shape(self) -> tuple[int, ...] | None:
+        """Return the shape ``(ny, nx)`` that all maps have; None where there is none."""
+        return next((np.shape(values) for name in MAPS if np.ndim(values := getattr(self, name))), None)
+
+    @property
     def largest(self) -> float:
         """Return what the converter reads at most, ADU; infinite where the bits are not known."""
         return math.inf if self.bits is None else 2.0**self.bits - 1

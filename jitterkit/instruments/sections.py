@@ -27,11 +27,12 @@ files.
     bad_bits = 4096             # sum of the bits of a DQ or MASK plane that mask a pixel
 
 A map is a FITS or TIFF file of the whole detector, on the rows of the frames it is for; a pixel without
-a finite number in it counts as bad.
+a finite number in it counts as bad.  It is one image, in the unit above.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -42,12 +43,16 @@ import numpy as np
 
 from jitterkit.detectors import Detector, detector_preset
 from jitterkit.detectors.characteristics import ONLY_MAPS
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import open_frames
+from jitterkit.frames.metadata import Sourced
+from jitterkit.frames.units import resolve_unit
 from jitterkit.instruments.section import Section
 from jitterkit.optics.colours import INDEX_ERROR, WAVELENGTH_ERROR, Colours, colours_of, mean_spectrum
 from jitterkit.optics.spectrum import Spectrum, flat_band
 from jitterkit.optics.spectrum_file import read_spectrum
+
+_LOG = logging.getLogger(__name__)
 
 DETECTOR_KEYS: Mapping[str, str] = {
     "base": "",
@@ -73,6 +78,9 @@ DETECTOR_KEYS: Mapping[str, str] = {
 """Keys of the table, with their units."""
 
 _MAP = "a FITS or TIFF file of the whole detector"
+
+_DARK = 1.0
+"""Seconds from which an unlit frame is a dark: many cameras take no bias of zero."""
 
 
 def read_detector(section: Section, base: Detector) -> Detector:
@@ -104,25 +112,78 @@ def read_detector(section: Section, base: Detector) -> Detector:
     return replace(base, **fields, sources=sources)
 
 
+_UNITS = {"bias": "adu", "read_noise": "electron", "dark_current": "electron/s"}
+"""Units of the maps that have one, as :func:`~jitterkit.frames.units.resolve_unit` names them."""
+
+
 def _number_or_map(section: Section, key: str) -> float | np.ndarray:
     value = section.number_or_path(key, _MAP)
-    return _map(value) if isinstance(value, Path) else value
+    return _map(section, key) if isinstance(value, Path) else value
 
 
-def _map(path: Path) -> np.ndarray:
+def _map(section: Section, key: str) -> np.ndarray:
     """Return a map in single precision, which is finer than any detector is known; NaN where it is masked."""
+    path = section.path(key)
     with open_frames(path) as frames:
-        frame = frames[0]
+        frame, count, unit = frames[0], len(frames), frames.text("BUNIT").strip()
+    if count > 1:
+        problem, remedy = f"holds {count} images, and {key} is one", "write their mean, or the one for it"
+        raise FrameError(ErrorCode.WRONG_SHAPE, path, problem, remedy)
+    known = frame.metadata.exposure
+    from_header = known is not None and known.source.startswith("header")  # a TOML is of all TIFFs beside it
+    _check_quantity(path, key, unit, known if from_header else None)
     return np.where(frame.mask, np.nan, frame.data).astype(np.float32)
+
+
+def _check_quantity(path: Path, key: str, unit: str, exposure: Sourced | None) -> None:
+    """Refuse a map in another unit, and a dark frame as a dark current; warn of a dark frame as a bias."""
+    wanted = _UNITS.get(key)
+    if wanted and unit and resolve_unit(unit) != wanted:
+        remedy = f"give {key} in {DETECTOR_KEYS[key]}, and say so in BUNIT"
+        raise FrameError(ErrorCode.UNKNOWN_UNIT, path, f"is in {unit!r} (BUNIT)", remedy)
+    if exposure is None:
+        return
+    if key == "dark_current" and exposure.value and not unit:
+        said = f"{exposure.value:g} s ({exposure.source})"
+        problem = f"has an exposure of {said} and no unit, as a dark frame has"
+        remedy = "give electrons per second, bias subtracted, and write BUNIT = 'electron/s'"
+        raise FrameError(ErrorCode.UNKNOWN_UNIT, path, problem, remedy)
+    if key == "bias" and exposure.value >= _DARK:
+        _LOG.warning(
+            "%s: is given as the bias and has an exposure of %g s (%s): the dark current of that time is "
+            "subtracted from frames of any exposure.", path, exposure.value, exposure.source
+        )  # fmt: skip
+
+
+def _bad_pixels(section: Section, key: str) -> np.ndarray:
+    """Return where a map is not zero; refuse one that leaves no pixel, warn of one that leaves the fewer."""
+    bad = ~(_map(section, key) == 0)
+    if bad.all():
+        section.refuse(
+            ErrorCode.OUT_OF_RANGE, key, "all its pixels are bad: give a map with zeros for good ones"
+        )
+    if bad.mean() > 0.5:  # as of the masks of frames
+        _LOG.warning(
+            "%s: marks %.3g %% of the pixels as bad: 1 may mean good, and must mean bad.",
+            section.path(key), 100 * bad.mean()
+        )  # fmt: skip
+    return bad
+
+
+def _not_negative(section: Section, key: str) -> float | np.ndarray:
+    """Return a map that noise has made negative in places with zeros there: no current, a dead pixel."""
+    values = _number_or_map(section, key) if key not in ONLY_MAPS else _map(section, key)
+    return np.maximum(values, np.float32(0)) if isinstance(values, np.ndarray) else values
 
 
 _READERS: Mapping[str, Any] = {
     **dict.fromkeys(DETECTOR_KEYS.keys() - {"base"}, Section.number),
-    **dict.fromkeys(("read_noise", "bias", "dark_current"), _number_or_map),
+    **dict.fromkeys(("read_noise", "bias"), _number_or_map),
     **dict.fromkeys(("bits", "bad_bits"), Section.integer),
     "nonlinearity": Section.numbers,
-    **dict.fromkeys(ONLY_MAPS, lambda section, key: _map(section.path(key))),
-    "bad_pixels": lambda section, key: ~(_map(section.path(key)) == 0),
+    **dict.fromkeys(ONLY_MAPS, _map),
+    **dict.fromkeys(("dark_current", "flat"), _not_negative),
+    "bad_pixels": _bad_pixels,
 }
 
 

@@ -39,6 +39,20 @@ def test_a_large_frame_is_cut_about_its_stars(processor, rng, drawn):
     np.testing.assert_allclose(processed.pixel, expected, atol=0.1)
 
 
+def test_maps_of_another_size_than_the_frame_are_warned_of(processor, rng, drawn):
+    """A window of a detector does not say where in the maps it lies."""
+    raw = drawn(rng).raw
+    flat = np.ones((raw.shape[0] + 20, raw.shape[1] + 30))
+    for maps, warned in ((flat, True), (flat[:-20, :-30], False)):
+        detector = replace(processor.instrument.detector, flat=maps)
+        frame = steps.calibrate(raw, replace(processor.instrument, detector=detector))
+        ny, nx = raw.shape
+        said = [
+            f"{nx} x {ny}" in text and f"{nx + 30} x {ny + 20}" in text for text in frame.metadata.warnings
+        ]
+        assert any(said) is warned
+
+
 def test_hot_pixels_are_left_out_and_counted(processor, rng, drawn):
     simulated = drawn(rng)
     clean = processor.process(simulated.raw).result

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from astropy.io import fits
 from refusals import refused
 
 from jitterkit.detectors import detector_preset
@@ -71,7 +72,8 @@ def test_what_has_no_number_in_a_map_is_bad(detector, tmp_path):
     flat[2, 3] = np.nan
     write_fits(tmp_path / "flat.fits", flat)
     assert np.argwhere(detector('flat = "flat.fits"').bad_pixels).tolist() == [[2, 3]]
-    assert np.argwhere(detector('bad_pixels = "flat.fits"\n').bad_pixels).size == 2 * 48  # none is zero
+    write_fits(tmp_path / "bad.fits", flat - 1)
+    assert np.argwhere(detector('bad_pixels = "bad.fits"').bad_pixels).tolist() == [[2, 3]]
 
 
 def test_a_detector_preset_fills_what_is_not_said(detector):
@@ -131,3 +133,81 @@ def test_a_map_that_is_no_image_is_refused_by_its_own_name(detector, tmp_path):
     (tmp_path / "flat.fits").write_text("hello")
     with refused(ErrorCode.UNKNOWN_FORMAT, tmp_path / "flat.fits", error=FrameError):
         detector('flat = "flat.fits"')
+
+
+@pytest.mark.parametrize(
+    ("key", "level", "cards", "values"),
+    [
+        ("dark_current", 0.5, {"BUNIT": "adu/s"}, ("'adu/s'", "BUNIT", "e-/s")),
+        ("dark_current", 0.5, {"BUNIT": "electron", "EXPTIME": 60.0}, ("'electron'", "e-/s")),
+        ("dark_current", 0.5, {"BUNIT": "electron/h"}, ("'electron/h'", "e-/s")),
+        ("dark_current", 130.0, {"EXPTIME": 60.0}, ("60 s", "EXPTIME", "'electron/s'")),
+        ("bias", 100.0, {"BUNIT": "electron"}, ("'electron'", "ADU")),
+        ("read_noise", 3.0, {"BUNIT": "adu"}, ("'adu'", "e-")),
+        ("read_noise", 9.0, {"BUNIT": "electron2"}, ("'electron2'", "e-")),
+    ],
+)
+def test_a_map_in_another_unit_and_a_dark_frame_as_dark_current_are_refused(
+    detector, tmp_path, key, level, cards, values
+):
+    path = tmp_path / "map.fits"
+    fits.PrimaryHDU(np.full((6, 8), level), fits.Header(cards)).writeto(path)
+    with refused(ErrorCode.UNKNOWN_UNIT, path, *values, error=FrameError):
+        detector(f'{key} = "map.fits"')
+
+
+@pytest.mark.parametrize(
+    ("key", "level", "cards"),
+    [
+        ("dark_current", 0.5, {"BUNIT": "e-/s", "EXPTIME": 60.0}),
+        ("dark_current", 0.5, {"BUNIT": "  "}),
+        ("bias", 100.0, {"BUNIT": "DN", "EXPTIME": 0.0}),
+        ("read_noise", 3.0, {"BUNIT": "electrons"}),
+        ("flat", 1.0, {"BUNIT": "adu", "EXPTIME": 2.0}),
+    ],
+)
+def test_a_map_in_its_own_unit_is_read(detector, tmp_path, caplog, key, level, cards):
+    fits.PrimaryHDU(np.full((6, 8), level), fits.Header(cards)).writeto(tmp_path / "map.fits")
+    assert np.all(getattr(detector(f'{key} = "map.fits"'), key) == level)
+    assert not caplog.messages
+
+
+def test_a_dark_frame_as_the_bias_is_warned_of(detector, tmp_path, caplog):
+    fits.PrimaryHDU(np.full((6, 8), 100.0), fits.Header({"EXPTIME": 60.0})).writeto(tmp_path / "bias.fits")
+    detector('bias = "bias.fits"')
+    assert ["60 s" in text and "bias.fits" in text for text in caplog.messages] == [True]
+
+
+def test_a_cube_is_no_map(detector, tmp_path):
+    """Its first plane, one dark of several, is not their mean."""
+    for key, level in (("dark_current", 1.0), ("bias", 100.0), ("flat", 1.0), ("bad_pixels", 0.0)):
+        fits.PrimaryHDU(np.full((3, 6, 8), level)).writeto(tmp_path / f"{key}.fits")
+        with refused(ErrorCode.WRONG_SHAPE, tmp_path / f"{key}.fits", 3, key, error=FrameError):
+            detector(f'{key} = "{key}.fits"')
+
+
+def test_noise_below_zero_is_no_dark_current_and_a_dead_pixel(detector, tmp_path):
+    dark, flat = np.ones((6, 8), np.float32), np.ones((6, 8), np.float32)
+    dark[1, 2], flat[3, 4] = -0.7, -0.01
+    write_fits(tmp_path / "dark.fits", dark)
+    write_fits(tmp_path / "flat.fits", flat)
+    found = detector('dark_current = "dark.fits"\nflat = "flat.fits"')
+    assert (found.dark_current[1, 2], found.dark_current.sum()) == (0.0, 47.0)
+    frame = found.calibrate(RawFrame.from_array(np.full((6, 8), 500.0), exposure=1.0))
+    assert np.argwhere(frame.mask).tolist() == [[3, 4]]
+
+
+def test_a_mask_with_one_for_good_is_warned_of_and_one_without_a_good_pixel_refused(
+    detector, tmp_path, caplog
+):
+    good = np.ones((6, 8), np.uint8)
+    good[2, 3] = 0
+    write_fits(tmp_path / "good.fits", good)
+    detector('bad_pixels = "good.fits"')
+    assert ["97.9 %" in text and "good.fits" in text for text in caplog.messages] == [True]  # 47 of 48
+    science = fits.ImageHDU(np.full((6, 8), 900.0), name="SCI")
+    fits.HDUList([fits.PrimaryHDU(), science, fits.ImageHDU(1 - good, name="DQ")]).writeto(
+        tmp_path / "sci.fits"
+    )
+    with refused(ErrorCode.OUT_OF_RANGE, "[detector] bad_pixels = 'sci.fits'", "zeros"):
+        detector('bad_pixels = "sci.fits"')
