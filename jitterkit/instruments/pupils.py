@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import open_frames
+from jitterkit.frames.cut_off import with_cut_off
 
 if TYPE_CHECKING:
     from jitterkit.optics.pupil import Pupil
@@ -66,7 +67,9 @@ def from_file(path: Path, diameter: float | None = None) -> Pupil:
     return read_pupil(path, diameter)
 
 
-def star(path: Path, hdu: int | None = None, pitch: float | None = None, *, whole: bool = True) -> np.ndarray:
+def star(
+    path: Path, hdu: int | None = None, pitch: float | None = None, *, whole: bool = True, oversample: int = 1
+) -> np.ndarray:
     """Read a star image ``(ny, nx)`` from a FITS or TIFF file, less the bias that its header names.
 
     Parameters
@@ -77,22 +80,38 @@ def star(path: Path, hdu: int | None = None, pitch: float | None = None, *, whol
         arcsec that a sample is said to be wide; a header that contradicts it is warned of.
     whole : bool
         Whether the image is taken to hold all light; if much lies beyond its edge, that is warned of.
+    oversample : int
+        Samples per pixel and axis that it is said to have.
 
     Raises
     ------
     ConfigurationError
-        If a pixel of it is masked, its samples are light at points, or :func:`check_star` refuses it.
+        If a pixel of it is masked or saturated, its samples are light at points, its header says another
+        oversampling, or :func:`check_star` refuses it.
     FrameError
-        If it cannot be read.
+        If it cannot be read, or is not one image.
     """
     with open_frames(path, hdu=hdu) as frames:
-        frame, points = frames[0], frames.text("DET_SAMP")
+        frame, count, points, samples = frames[0], len(frames), *map(frames.text, ("DET_SAMP", "OVERSAMP"))
+    if count > 1:
+        problem, remedy = (
+            f"holds {count} images, and a PSF is one",
+            "choose its hdu, or write one of the planes",
+        )
+        raise FrameError(ErrorCode.WRONG_SHAPE, path, problem, remedy)
     if points:
         problem = f"{path}: has the light at points, by DET_SAMP = {points}, and not that of whole pixels"
         raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; convert it by 'jitterkit instrument'.")
+    if _is_number(samples) and float(samples) != oversample:
+        problem = f"{path}: has OVERSAMP = {samples}, and oversample of [psf] is {oversample}"
+        raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}; correct one of them.")
     if frame.mask.any():
         problem = f"{path}: {int(frame.mask.sum())} pixels of the star have no value"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{problem}; interpolate over them first.")
+    level = with_cut_off(frame).metadata.value("saturation")
+    if level is not None and frame.data.max() >= level:
+        problem = f"{path}: the star is cut off at {level:g}, where pixels are saturated"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give one that was exposed for less.")
     image = frame.data - frame.metadata.value("bias", 0.0)
     check_star(path, image)
     scale = frame.metadata.plate_scale
@@ -108,6 +127,13 @@ def star(path: Path, hdu: int | None = None, pitch: float | None = None, *, whol
             "enclosed, the share inside.", path, 100 * beyond
         )  # fmt: skip
     return image
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return float(text) > 0
+    except ValueError:
+        return False
 
 
 def check_star(path: Path, image: np.ndarray) -> None:

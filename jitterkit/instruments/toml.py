@@ -149,9 +149,9 @@ def read_instrument(path: str | Path) -> Instrument:
             fields["detector"] = read_detector(sections["detector"], fields["detector"])
         made = _assemble(path, fields, base)
         if "psf" in sections:
-            pitch = made.plate_scale / made.psf_options.get("oversample", 1)
-            star = partial(fields["psf_from"], pitch=pitch, whole="enclosed" not in made.psf_options)
-            made = replace(made, psf_from=star)
+            samples, whole = made.psf_options.get("oversample", 1), "enclosed" not in made.psf_options
+            said = {"pitch": made.plate_scale / samples, "whole": whole, "oversample": samples}
+            made = replace(made, psf_from=partial(fields["psf_from"], **said))
     except ConfigurationError as error:
         text = str(error) if str(error).startswith(str(path)) else f"{path}: {error}"
         raise ConfigurationError(error.code, text) from None

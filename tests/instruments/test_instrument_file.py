@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from jitterkit.errors import ErrorCode
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import write_fits
 from jitterkit.instruments import load_instrument, read_instrument
 from jitterkit.instruments.description import describe_instrument
@@ -149,6 +149,34 @@ def test_a_star_with_missing_pixels_is_refused(toml, tmp_path):
     bed = read_instrument(toml('[instrument]\nplate_scale = 1.2\n[psf]\nfile = "star.fits"\n'))
     with refused(ErrorCode.MISSING_VALUE, tmp_path / "star.fits", "1 pixels"):
         bed.optics()
+
+
+STAR = '[instrument]\nplate_scale = 1.2\n[psf]\nfile = "star.fits"\n'
+
+
+def test_a_star_of_another_oversampling_than_its_header_says_is_refused(toml, tmp_path):
+    write_fits(tmp_path / "star.fits", np.outer(np.hanning(9), np.hanning(9)), header={"OVERSAMP": 4})
+    with refused(ErrorCode.CONFLICT, tmp_path / "star.fits", "OVERSAMP = 4", "[psf]", 1):
+        read_instrument(toml(STAR)).optics()
+    assert read_instrument(toml(STAR + "oversample = 4\n")).optics(pad=4).pixel_included
+
+
+def test_a_star_in_a_cube_is_refused(toml, tmp_path):
+    write_fits(tmp_path / "star.fits", np.stack([np.outer(np.hanning(9), np.hanning(9))] * 2))
+    with refused(ErrorCode.WRONG_SHAPE, tmp_path / "star.fits", 2, error=FrameError):
+        read_instrument(toml(STAR)).optics()
+
+
+@pytest.mark.parametrize("header", [{}, {"SATURATE": 5e4}])
+def test_a_saturated_star_is_refused(toml, tmp_path, header):
+    """A normal star of 1e5 ADU, off the middle of a pixel, so that no two pixels are alike by symmetry."""
+    y, x = np.mgrid[:25, :25] - 12.0
+    star = np.rint(1e5 * np.exp(-((x - 0.2) ** 2 + (y - 0.37) ** 2) / 8))
+    write_fits(tmp_path / "star.fits", np.minimum(star, 5e4), header=header)
+    with refused(ErrorCode.OUT_OF_RANGE, tmp_path / "star.fits", 50000):
+        read_instrument(toml(STAR)).optics()
+    write_fits(tmp_path / "star.fits", star, overwrite=True)
+    assert read_instrument(toml(STAR)).optics(pad=4).pixel_included
 
 
 def test_bad_pixels_come_from_a_file(toml, tmp_path):
