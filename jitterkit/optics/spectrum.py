@@ -52,7 +52,8 @@ class Spectrum:
             raise ConfigurationError(ErrorCode.WRONG_SHAPE, f"{problem}; {found}.")
         if not np.all((wavelengths >= LIGHT[0]) & (wavelengths <= LIGHT[1])):
             problem = f"Wavelengths lie between {LIGHT[0]:g} and {LIGHT[1]:g} nm"
-            found = f"got {wavelengths.tolist()}: give them in nm"
+            several = f"{wavelengths.min():g} to {wavelengths.max():g}"
+            found = f"got {several if wavelengths.size > 2 else wavelengths.tolist()}: give them in nm"
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {found}.")
         if not (np.all(np.isfinite(weights)) and np.all(weights >= 0) and weights.sum() > 0):
             problem = f"Spectral weights must not be negative, nor all zero; got {weights.tolist()}."

@@ -26,7 +26,8 @@ def read_spectrum(path: str | Path, samples: int = 13) -> Spectrum:
     ----------
     path : str or Path
         Two columns, wavelength [nm] ascending and photons per nm in any unit, separated by commas;
-        a first line of words and lines that begin with ``#`` are skipped.
+        a first line of words and lines that begin with ``#`` are skipped.  The first, and a comment of two
+        columns right above the numbers, must not name other units.
     samples : int
         Wavelengths to model with.
 
@@ -125,21 +126,30 @@ def _fine(wavelengths: np.ndarray, photons: np.ndarray, points: int) -> tuple[np
 
 def _rows(path: Path, values: str) -> list[tuple[float, float]]:
     rows: list[tuple[float, float]] = []
-    with path.open(newline="", encoding="utf-8") as handle:
+    names: list[str] = []
+    said: list[str] = []  # the last comment above the numbers, which names columns where it has as many cells
+    with path.open(newline="", encoding="utf-8-sig") as handle:
         for number, cells in enumerate(csv.reader(handle), start=1):
             if not cells or cells[0].lstrip().startswith("#"):
+                said = said if rows or not cells else [cells[0].lstrip(" #"), *cells[1:]]
                 continue
             try:
                 wavelength, value = map(float, cells)
             except ValueError:
-                if number == 1:
-                    _refuse_other_units(path, cells, values)
-                    continue  # the columns' names
+                if not names and not rows:
+                    names = cells
+                    continue
                 problem = f"{path}: line {number} is {','.join(cells)!r}; give wavelength_nm, {values}."
                 raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
             rows.append((wavelength, value))
+    for columns in (names, said if len(said) == 2 and _WAVELENGTH.search(said[0]) else []):
+        if columns:
+            _refuse_other_units(path, columns, values)
     return rows
 
+
+_WAVELENGTH = re.compile(r"wave|^lam|λ|^wl|freq|energy", re.I)
+"""A comment's first word where it names columns, and is no prose."""
 
 _NO_NANOMETRES = re.compile(
     r"[\s_(\[/](angstroms?|aa?|å|[uµμ]m|microns?|[mc]?m|[kmgt]hz|ev)\W*$|freq|wave-?number|energy|1/cm|cm\W?-1",
@@ -147,7 +157,8 @@ _NO_NANOMETRES = re.compile(
 )
 _NO_PHOTONS = re.compile(
     r"erg|joule|watt|(?<![a-z])w(?![a-z])|jy|flam|f_?lambda|fnu|energy|(?<![a-z])mag(s|nitude\w*)?(?![a-z])"
-    r"|(?<!photon.)(?<!photons.)(?<!photon)flux(?!.*(photon|electron|count|(?<![a-z])ph(?![a-z])))",
+    r"|(?<!photon.)(?<!photons.)(?<!photon)(flux|power|irradiance|(?<!ir)radiance)"
+    r"(?!.*(photon|electron|count|(?<![a-z])ph(?![a-z])))",
     re.I,
 )
 

@@ -90,6 +90,9 @@ def test_a_file_that_cannot_be_read_is_distinguished_from_one_that_is_not_there(
         ("wavelength_nm,AB_mag", "mag"),
         ("wavelength_nm,flux", "flux"),
         ("wavelength_nm,signal_W", "W"),
+        ("wavelength_nm,irradiance", "irradiance"),
+        ("wavelength_nm,spectral radiance", "radiance"),
+        ("wavelength_nm,power", "power"),
     ],
 )
 def test_names_that_say_other_units_are_refused(names, said, tmp_path):
@@ -104,10 +107,31 @@ def test_names_that_say_other_units_are_refused(names, said, tmp_path):
     "names",
     [
         *("wavelength_nm,photons", "Wavelength (nm),QE", "wave,counts", "lambda,transmission"),
-        *("wave,of image", "nm,photon_flux", "nm,flux [ph/s]"),
+        *("wave,of image", "nm,photon_flux", "nm,flux [ph/s]", "nm,photon irradiance"),
     ],
 )
 def test_names_that_say_nothing_else_are_read(names, tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(f"{names}\n530,1\n640,1\n", encoding="utf-8")
+    assert read_spectrum(path, 3).wavelengths == pytest.approx(flat_band(530, 640, 3).wavelengths)
+
+
+def test_a_comment_that_names_the_columns_is_believed(tmp_path):
+    """As numpy.savetxt writes it, whose header is a comment."""
+    path = tmp_path / "a.csv"
+    table = np.array([[5300.0, 1.0], [6400.0, 1.0]])
+    for names, said in (("wavelength_A,photons", "A"), ("wavelength (nm),flux (erg/s/cm2/nm)", "flux")):
+        np.savetxt(path, table, delimiter=",", header=names)
+        with refused(ErrorCode.UNKNOWN_UNIT, path, f"'{names}'", f"'{said}'"):
+            read_spectrum(path)
+    table[:, 0] /= 10
+    for text in ("wavelength_nm,photons", "a lamp, at full power", "lamp A\nday 3"):
+        np.savetxt(path, table, delimiter=",", header=text)
+        assert read_spectrum(path, 3).wavelengths == pytest.approx(flat_band(530, 640, 3).wavelengths)
+
+
+@pytest.mark.parametrize("names", ["", "# a lamp\nwavelength_nm,photons\n"])
+def test_a_byte_order_mark_costs_no_row_and_a_comment_no_names(names, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{names}530,1\n560,1\n640,1\n", encoding="utf-8-sig")
     assert read_spectrum(path, 3).wavelengths == pytest.approx(flat_band(530, 640, 3).wavelengths)
