@@ -134,10 +134,10 @@ def _of_transfer(calibration: Calibration) -> list[str]:
 def stack_sentences(stacks: Sequence[Stack]) -> list[str]:
     """Return what makes frames doubtful as calibration frames.
 
-    These are their files' warnings, numbers that are not whole, temperatures apart and flats of several
-    filters.
+    These are their files' warnings, numbers that are not whole, temperatures apart, flats of several filters
+    and unlit frames of one exposure whose levels differ.
     """
-    sentences = [*_of_temperature(stacks), *_of_filters(stacks)]
+    sentences = [*_of_temperature(stacks), *_of_filters(stacks), *_of_levels(stacks)]
     for kind in dict.fromkeys(stack.kind for stack in stacks):
         shots = [shot for stack in stacks if stack.kind == kind for shot in stack.shots]
         said = Counter(warning for shot in shots for warning in shot.warnings)
@@ -173,6 +173,20 @@ def _of_filters(stacks: Sequence[Stack]) -> list[str]:
     if len(filters) < 2:
         return []
     return [f"The flats are of several filters ({', '.join(filters)}): calibrate each by itself."]
+
+
+def _of_levels(stacks: Sequence[Stack]) -> list[str]:
+    """Name the unlit stacks whose frames differ by more than the noise of a pixel, as no two of a kind do."""
+    sentences = []
+    for stack in (stack for stack in stacks if stack.kind != "flat"):
+        levels = [shot.level for shot in stack.shots]
+        if max(levels) - min(levels) > min(shot.scatter for shot in stack.shots):
+            said = (
+                f"The levels of the {stack.name} frames run from {min(levels):.5g} to {max(levels):.5g} ADU"
+            )
+            remedy = "check that they are of one exposure, offset and temperature"
+            sentences.append(f"{said}, so that their mean and noise are wrong: {remedy}.")
+    return sentences
 
 
 _LEVELS = (

@@ -191,6 +191,22 @@ def test_temperatures_and_filters_that_differ_are_said(tmp_path, rng):
     assert "several filters (R, V)" in done.stderr
 
 
+def test_darks_of_several_exposures_under_one_are_said(tmp_path, rng):
+    """A dark current of 3 e-/s in 10 and 60 s at 2 e-/ADU: levels 75 ADU apart, and a noise of 7 at most."""
+    for seconds, stated in ((10, 10.0), (60, 60.0)):
+        for name, header in (("said", stated), ("lost", 10.0)):
+            planes = (
+                100 + (rng.poisson(3.0 * seconds, (4, 64, 64)) / 2).round() + rng.normal(0, 2, (4, 64, 64))
+            )
+            write_fits(tmp_path / f"{name}{seconds}.fits", planes.round(), header={"EXPTIME": header})
+    for name, doubtful in (("said", False), ("lost", True)):
+        words = [str(tmp_path / f"{name}{seconds}.fits") for seconds in (10, 60)]
+        given = ["--dark", words[0], "--dark", words[1], "--bias-level", "100", "--gain", "2"]
+        done = runner.invoke(app, [*given, "-o", str(tmp_path / name)])
+        assert done.exit_code == 0, done.output
+        assert ("levels of the dark, 10 s frames" in done.stderr) is doubtful
+
+
 def test_the_gain_by_which_electrons_were_counted_is_written(frames, tmp_path):
     """Else a read noise in electrons at one gain would stand beside another gain."""
     run("--bias", frames / "bias", "--gain", 2, "-o", tmp_path / "out")
