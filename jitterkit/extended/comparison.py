@@ -56,11 +56,19 @@ _STEPS = 30
 _LEAST_GAIN = 1e-3
 """Ratio of two frames' fluxes."""
 
+_MOST_GAIN = 300.0
+"""Its logarithm where it counts as endless, as of frames that have no blur in common: squares are finite."""
+
 _REGULARISED = 10.0
 """Noise added to the denominator of the ratio of two transforms, in units of both frames' noise."""
 
 _LEAST_WINDOW = 16
 """Pixels that a blur must leave free of the borders, on each axis."""
+
+
+def _factor(p: np.ndarray) -> float:
+    """Return the ratio of fluxes of some parameters."""
+    return float(np.exp(min(p[0], _MOST_GAIN)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,14 +234,14 @@ class Comparison:
         return transfer(p[3:], self._fx, self._fy)[0] * self._moved(p)
 
     def _moved(self, p: np.ndarray) -> np.ndarray:
-        return np.exp(p[0] - 2j * np.pi * (p[1] * self._fx + p[2] * self._fy))
+        return _factor(p) * np.exp(-2j * np.pi * (p[1] * self._fx + p[2] * self._fy))
 
     def _slopes(self, transfer: Transfer, p: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray | float]]:
         """Return the derivatives by the parameters: of the response, and of the gain where it is used."""
         (blur, slopes), moved = transfer(p[3:], self._fx, self._fy), self._moved(p)
         by_q, turn = slopes(), -2j * np.pi * blur * moved
         columns = [blur * moved, self._fx * turn, self._fy * turn, *(slope * moved for slope in by_q)]
-        of_q = (np.exp(p[0]) * slope[self._band] for slope in by_q)
+        of_q = (_factor(p) * slope[self._band] for slope in by_q)
         return columns, [self._gain(transfer, p), 0.0, 0.0, *of_q]
 
     def _image(self, response: np.ndarray) -> np.ndarray:
@@ -244,7 +252,7 @@ class Comparison:
         return fft.rfft2(windowed) / np.sqrt((window**2).sum())
 
     def _gain(self, transfer: Transfer, p: np.ndarray) -> np.ndarray:
-        return np.exp(p[0]) * transfer(p[3:], self._fx[self._band], self._fy[self._band])[0]
+        return _factor(p) * transfer(p[3:], self._fx[self._band], self._fy[self._band])[0]
 
     def kernel(self, x: float, y: float, side: int) -> np.ndarray:
         """Return the kernel (side, side) about a shift: the regularised ratio of the transforms, sum one."""

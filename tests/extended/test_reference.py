@@ -91,6 +91,17 @@ def test_a_jump_is_refused(coins):
         estimate_from_reference(*moved(coins, lambda along, _: np.cos(np.pi * 8 * along)))
 
 
+def test_a_reference_whose_stars_are_cut_off_is_refused():
+    """A fit then raises the ratio of the fluxes without end, to no number: of 9000 e-, 100 are left."""
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:48, :44]
+    squares = [(flux, (x - a) ** 2 + (y - b) ** 2) for flux, a, b in ((9e3, 16, 20), (3e3, 29, 27))]
+    stars = sum(flux * (np.exp(-r2 / 3) + 0.01 / (1 + r2 / 20)) for flux, r2 in squares)
+    sharp, blurred = (rng.poisson(frame + 10) for frame in (stars, gaussian_filter(stars, 0.8)))
+    with refused(ErrorCode.TOO_FEW, "40 x 48", error=UndeterminedError):
+        estimate_from_reference(np.minimum(sharp, 100), blurred)
+
+
 @pytest.mark.parametrize(
     ("sigma", "noise"), [pytest.param(0.0, 1.7, marks=pytest.mark.slow), (0.0, 15.0), (1.5, 15.0)]
 )
