@@ -49,6 +49,7 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
         message = f"The pupil file {path} holds no transmission, only {sorted(content)}"
         remedy = "add it, or convert a file of poppy or stpsf with jitterkit instrument"
         raise ConfigurationError(ErrorCode.MISSING_VALUE, f"{message}; {remedy}.")
+    _check_arrays(path, content)
     diameter = content.get("diameter") if diameter is None else diameter
     if diameter is None:
         message = f"The pupil file {path} does not say its diameter; give one, in m."
@@ -67,6 +68,25 @@ def read_pupil(path: str | Path, diameter: float | None = None) -> Pupil:
     except (TypeError, ValueError) as problem:
         message = f"{path}: {problem}; a pupil is made of numbers."
         raise ConfigurationError(ErrorCode.WRONG_TYPE, message) from None
+
+
+_LEAST_OPD = 1e-3
+"""nm: a wavefront error that is nowhere as large is below what is measured, and mostly in metres."""
+
+
+def _check_arrays(path: Path, content: Mapping[str, Any]) -> None:
+    """Refuse complex fields, whose phase would be lost, and a wavefront error that must be in metres."""
+    for name in ("transmission", "opd", "basis"):
+        if np.iscomplexobj(content.get(name, 0.0)):
+            message = (
+                f"{path}: {name} is complex; give the amplitude as transmission and the phase as opd, in nm."
+            )
+            raise ConfigurationError(ErrorCode.WRONG_TYPE, message)
+    opd = np.asarray(content.get("opd", 0.0))
+    largest = float(np.abs(opd[np.isfinite(opd)]).max(initial=0.0)) if opd.dtype.kind in "iuf" else 0.0
+    if 0 < largest < _LEAST_OPD:
+        message = f"{path}: the wavefront error is {largest:.3g} nm at most; give it in nm."
+        raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, message)
 
 
 def write_pupil(path: str | Path, pupil: Pupil) -> None:

@@ -138,6 +138,24 @@ def test_words_for_numbers_are_refused_with_the_files_name(tmp_path, content, va
         read_pupil(tmp_path / "p.npz")
 
 
+def test_a_complex_field_is_refused(tmp_path):
+    """Its phase would be lost."""
+    np.savez(tmp_path / "p.npz", transmission=np.ones((4, 4)) * np.exp(0.3j), diameter=1.0)
+    with refused(ErrorCode.WRONG_TYPE, tmp_path / "p.npz", "transmission", "complex"):
+        read_pupil(tmp_path / "p.npz")
+
+
+def test_a_wavefront_error_in_metres_is_refused(tmp_path):
+    error = np.linspace(-50, 40, 16).reshape(4, 4)
+    for opd, is_nm in ((error, True), (error * 1e-9, False), (error * 0, True)):
+        np.savez(tmp_path / "p.npz", transmission=np.ones((4, 4)), opd=opd, diameter=1.0)
+        if is_nm:
+            assert np.array_equal(read_pupil(tmp_path / "p.npz").opd, opd)
+            continue
+        with refused(ErrorCode.UNKNOWN_UNIT, tmp_path / "p.npz", "5e-08", "nm"):
+            read_pupil(tmp_path / "p.npz")
+
+
 def test_a_pupil_is_written_as_npz_only(tmp_path, pupil):
     with refused(ErrorCode.WRONG_SUFFIX, ".npz", tmp_path / "p.fits"):
         write_pupil(tmp_path / "p.fits", pupil)
