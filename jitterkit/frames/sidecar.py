@@ -84,7 +84,7 @@ def toml_text(tables: Mapping[str, Mapping[str, Any]], *comments: str) -> str:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        table = tomllib.loads(file.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         code = damage_code(error, file) if isinstance(error, OSError) else ErrorCode.MALFORMED
         raise ConfigurationError(code, f"{file}: is not readable as TOML ({error}); correct it.") from error

@@ -167,7 +167,7 @@ def read_instrument(path: str | Path) -> Instrument:
 
 def _sections(path: Path) -> dict[str, Section]:
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         problem = f"{path}: cannot be read ({error.strerror}); give a preset's name or an instrument file."
         raise ConfigurationError(reading_code(error), problem) from None

@@ -37,6 +37,12 @@ def test_the_keys_may_stand_in_a_table(tmp_path):
     assert metadata.time.value == "2026-11-21T03:00:00"
 
 
+def test_it_may_begin_with_a_byte_order_mark(tmp_path):
+    path = write_tiff(tmp_path / "a.tif", IMAGE)
+    (tmp_path / "a.toml").write_text("gain = 2\n", encoding="utf-8-sig")
+    assert metadata_of(path).gain.value == 2.0
+
+
 def test_the_file_of_the_directory_fills_what_the_files_own_leaves_open(tmp_path):
     path = write_tiff(tmp_path / "a.tif", IMAGE, metadata={"gain": 2.0})
     (tmp_path / "frames.toml").write_text("gain = 3.0\nbias = 100\n")

@@ -187,6 +187,10 @@ def test_bad_pixels_come_from_a_file(toml, tmp_path):
     assert np.argwhere(bed.detector.bad_pixels).tolist() == [[1, 2]]
 
 
+def test_a_file_that_begins_with_a_byte_order_mark_is_read(toml):
+    assert read_instrument(toml("\ufeff" + WHOLE)).name == "testbed"
+
+
 def test_lines_may_be_weighted(toml):
     bed = read_instrument(toml(LEAST.replace("[633]", "[532, 633]\nweights = [1, 3]")))
     assert bed.spectrum.weights == (0.25, 0.75)
