@@ -30,11 +30,13 @@ from jitterkit.frames.cut_off import with_cut_off
 from jitterkit.frames.region import find_region
 from jitterkit.instruments import Instrument, resolve
 from jitterkit.likelihood import Data
+from jitterkit.linearisation import LINEARISATION_TOLERANCE
 from jitterkit.locate import Start, locate_binary, locate_star, locate_stars, settled
 from jitterkit.optics import OpticalSystem, Optics, SelfAnchoringOptics
 from jitterkit.refit import SCENES, FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose import fit_best_locus, is_lost
 from jitterkit.refit.evidence import CHOICES
+from jitterkit.refit.fit import linearisation_tolerance
 from jitterkit.refit.scene_choice import SceneChoice, found_allowing
 from jitterkit.refit.squares import with_free_squares
 from jitterkit.scene import Star
@@ -117,7 +119,8 @@ def locate(
     start : SceneEstimate or FitResult
         Where fits start; a FitResult whose status says why not.
     """
-    options, data, optics = options or FitOptions(), Data.of(frame, censored=censored), _own(optics, frame)
+    options, data = options or FitOptions(), Data.of(frame, censored=censored)
+    optics = _own(optics, frame, options)
     if warm is not None:
         registered = warm.register(frame, data, optics, options.hold, rough=not shape)
         if registered is not None:
@@ -151,7 +154,7 @@ def search(
     rough: bool = False,
 ) -> tuple[SceneChoice | FitResult, Data]:
     """Choose the scene of a frame, and return its data without pixels that no star can have made."""
-    optics = _own(optics, frame)
+    optics = _own(optics, frame, options)
 
     def choose(data: Data, *, rough: bool = False) -> SceneChoice | FitResult:
         """Choose the scene of cleaned data, or say why that cannot be done."""
@@ -177,9 +180,12 @@ def search(
     return found_allowing(choose, data, optics.nominal, options.model_error, rough=rough)
 
 
-def _own(optics: Optics, frame: Frame) -> Optics:
+def _own(optics: Optics, frame: Frame, options: FitOptions) -> Optics:
     """Return optics that keep what the fits of a frame ask for again, unless they do so already."""
-    return SelfAnchoringOptics(optics, frame.light) if isinstance(optics, OpticalSystem) else optics
+    if not isinstance(optics, OpticalSystem):
+        return optics
+    strict = linearisation_tolerance(options.tolerance) / LINEARISATION_TOLERANCE
+    return SelfAnchoringOptics(optics, frame.light / strict**2)  # as exact as for a frame with more light
 
 
 def estimate(start: SceneEstimate, kernel: str = SCORE, *, hold: Collection[str] = ()) -> KernelEstimate:

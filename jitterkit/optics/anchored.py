@@ -68,7 +68,7 @@ class AnchoredOptics:
 
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
-        if self.distance(aberrations) > _SLOPES:
+        if self._distance(aberrations) > _SLOPES:
             return self.system.otf(aberrations, derivatives=derivatives)
         here = self.anchor.otf(aberrations, self.coarse)
         return here if self.reaches(aberrations) else self.system.near(aberrations, here)
@@ -79,9 +79,9 @@ class AnchoredOptics:
 
     def left_out(self, aberrations) -> float:
         """Return an upper bound on the anchor's error in the image, in sigmas of the whole."""
-        return float(THIRD_ORDER * np.sqrt(self.photons) * self.distance(aberrations) ** 3)
+        return _left_out(self.photons, self._distance(aberrations))
 
-    def distance(self, aberrations) -> float:
+    def _distance(self, aberrations) -> float:
         """Return the rms phase [rad] from the anchor."""
         modes = len(self.anchor.state)
         state, beside = self.anchor.further.split(np.asarray(aberrations), modes)
@@ -94,6 +94,11 @@ class AnchoredOptics:
     def second_order(self, aberrations) -> SecondOrder:
         """Return the second derivatives, which hardly depend on the state."""
         return self.anchor.second
+
+
+def _left_out(photons: float, phase: float) -> float:
+    """Return what the second order leaves out of an image at a distance [rad rms], in sigmas of the whole."""
+    return float(THIRD_ORDER * np.sqrt(photons) * phase**3)
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,10 @@ class SelfAnchoringOptics:
         """Rms phase [rad] of a wavefront error [nm] over the lit pupil, at the shortest wavelength."""
         return self.system.phase(aberrations)
 
+    def __reduce__(self) -> tuple:
+        """Leave the anchors to this process."""
+        return type(self), (self.system, self.photons)
+
     def otf(self, aberrations, *, derivatives: bool = True) -> OTF:
         """Return the transfer function about ``aberrations`` [nm]: as good as exact, with its derivatives."""
         anchored = self._beside(aberrations, anew=derivatives)
@@ -135,24 +144,29 @@ class SelfAnchoringOptics:
 
     def second_order(self, aberrations) -> SecondOrder:
         """Return second derivatives about ``aberrations`` [nm], or near them."""
-        state = np.array(aberrations, float)
+        modes = np.array(aberrations, float)[: len(self.system.pupil.names)]
         for anchored in self._anchored:
-            if anchored.distance(state) < _BENT:
+            if self.system.phase(modes - np.asarray(anchored.anchor.state)) < _BENT:
                 return anchored.anchor.second
-        return self._anchored_at(state).anchor.second
+        return self._anchored_at(modes).anchor.second
 
     def _beside(self, aberrations, *, anew: bool) -> AnchoredOptics | None:
-        """Return optics by an anchor near a state, perhaps a new one; None where there is none."""
-        for anchored in self._anchored:
-            if anchored.distance(aberrations) < _SLOPES:
+        """Return optics by an anchor that reaches a state, perhaps a new one; None where there is none."""
+        if self.system.of_b:
+            return None  # an anchor is about one wavefront, of both stars
+        for place, anchored in enumerate(self._anchored):
+            if anchored.reaches(aberrations):
+                del self._anchored[place]
+                self._anchored.appendleft(anchored)
                 return anchored
         if not anew:
             return None
         state = np.array(aberrations, float)
         apart = [self.system.phase(state - other) for other in self._expanded if len(other) == len(state)]
-        if sum(phase < _SLOPES for phase in apart) < _WORTH:
+        if sum(_left_out(self.photons, phase) < _UNSEEN for phase in apart) < _WORTH:
             self._expanded.extend([state] * (0.0 not in apart))
             return None
+        self._expanded.clear()  # so that anchors are made for new ones only
         return self._anchored_at(state)
 
     def _anchored_at(self, state: np.ndarray) -> AnchoredOptics:

@@ -209,7 +209,8 @@ def _fit_and_expand(
     }
     max_error = linearisation_tolerance(max(_least_error(start.locus), options.tolerance))
     blind, damped = optics.system.nominal.blind(), False
-    patient = bool(set(blind) & set(names))  # where the sign of a mode is unknown, maxima never settle
+    # where the sign of a mode is unknown maxima never settle, and in a valley they need not
+    patient = bool(set(blind) & set(names)) or valley > 0
     rival = np.inf if isinstance(start.locus, Path) else options.rival
 
     def is_exact(end: ScoringResult, otf: OTF) -> bool:
@@ -225,12 +226,14 @@ def _fit_and_expand(
             return settled
         how = limits | {"max_error": max_error, "rival": np.inf if isinstance(start.locus, Mvn) else rival}
         found = relinearised_scoring(start, otf, optics, *where, **how, patient=damped or patient)
-        ended = damped or found.is_hopeless or found.end.objective > rival + LOST
+        ended = damped or found.end.objective > rival + LOST
         if ended or is_exact(found.end, found.otf) or converges(found.end, found.otf)[0]:
             return found
         settled, at_start = None, fisher_scoring(start, otf, *where, max_steps=0)
         if not (_is_poor(found.end, data) and _is_poor(at_start, data)):
             settled = damped_scoring(start, optics, *where, **limits)
+        elif found.is_hopeless:
+            return found
         damped = settled is not None
         return settled or relinearised_scoring(found.end.parameters, found.otf, optics, *where, **how)
 

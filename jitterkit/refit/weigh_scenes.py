@@ -314,9 +314,10 @@ def _has_a_size(fit: FitResult) -> bool:
 
 
 def _is_same(fit: FitResult, other: FitResult) -> bool:
-    """Return whether fits of two pairs ended at the same maximum."""
+    """Return whether a pair's fit ended at the same maximum as another one, which settled."""
     moved = [abs(fit.of_scene(name) - other.of_scene(name)) / fit.error(name) for name in _OF_A_PAIR]
-    return abs(fit.objective - other.objective) < _SAME**2 and max(moved) < _SAME
+    near = abs(fit.objective - other.objective) < _SAME**2 and max(moved) < _SAME
+    return other.status is Status.OK and near
 
 
 def _needs_more(star: FitResult, normal: FitResult) -> bool:
