@@ -232,10 +232,10 @@ def _fit_and_expand(
         settled, at_start = None, fisher_scoring(start, otf, *where, max_steps=0)
         if not (_is_poor(found.end, data) and _is_poor(at_start, data)):
             settled = damped_scoring(start, optics, *where, **limits)
-        elif found.is_hopeless:
-            return found
         damped = settled is not None
-        return settled or relinearised_scoring(found.end.parameters, found.otf, optics, *where, **how)
+        if settled or patient or found.is_hopeless:
+            return settled or found
+        return relinearised_scoring(found.end.parameters, found.otf, optics, *where, **how)
 
     clear = data.clear(expected_image(start, otf)) if data.trims else data
     end, otf, iterations, *_ = fit_from(clear, start, otf)
