@@ -15,7 +15,7 @@ from jitterkit.locate import locate_binary
 from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
-from jitterkit.refit.weigh_scenes import Weighing, _Reading
+from jitterkit.refit.weigh_scenes import Weighing, _is_same, _Reading
 from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
@@ -243,3 +243,29 @@ def test_the_priors_of_the_scenes_add_up_to_one(bench):
     star = FitResult(Status.OK, "", parameters=Parameters(ALONE(1e5), Stable.of(), np.zeros(2)))
     total = separations / density(1.0, 2.0) * contrasts * 360.0
     assert total + math.exp(frame.scene_prior(star)) == pytest.approx(1.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("moved", "deviance", "status", "same"),
+    [
+        (0.001, 4000.0, Status.OK, True),
+        (0.02, 4000.0, Status.OK, False),
+        (0.001, 4000.5, Status.OK, False),
+        (0.001, 4000.0, Status.NOT_CONVERGED, False),  # the one that settled must stay
+        (np.nan, 4000.0, Status.OK, False),
+    ],
+)
+def test_two_pairs_are_one_if_their_fits_end_at_one_maximum_that_settled(moved, deviance, status, same):
+    names = ("separation", "theta", "contrast")
+    fits = [
+        FitResult(
+            how,
+            "",
+            parameters=Parameters(Binary(separation, 30.0, 0.0, 0.0, 1e5, 2.0), Mvn.of(0.1), ()),
+            names=names,
+            covariance=np.diag([0.1, 1.0, 0.1]) ** 2,
+            objective=objective,
+        )
+        for how, separation, objective in ((status, 3.0, 4000.0), (Status.OK, 3.0 + moved, deviance))
+    ]
+    assert _is_same(fits[1], fits[0]) == same

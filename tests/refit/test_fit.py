@@ -7,7 +7,7 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.forward import GRADIENT, Parameters, expected_image
 from jitterkit.likelihood import Data
-from jitterkit.linearisation import linearisation_error
+from jitterkit.linearisation import linearisation_error, relinearised_scoring
 from jitterkit.loci import Linear, Mvn, Shm, Stable
 from jitterkit.optics import flat_band, grid_for, obstructed_circle
 from jitterkit.optics.system import OpticalSystem
@@ -243,6 +243,23 @@ def test_one_star_is_given_up_where_two_are_far_nearer_to_the_frame(bench, optic
             assert result.status is not Status.OK
             took[locus, known.rival] = len(deviances)
     assert took["linear", options.rival] < took["linear", np.inf]
+
+
+@pytest.mark.parametrize(
+    ("locus", "patient"), [("mvn", False), ("linear", False), ("partial", True), ("path", True)]
+)
+def test_fits_in_valleys_are_patient(locus, patient, bench, optics, monkeypatch):
+    """They may end before they are exact: after four rounds one was accepted that was off by 0.6 errors."""
+    told = []
+
+    def noted(*args, patient, **options):
+        told.append(patient)
+        return relinearised_scoring(*args, patient=patient, **options)
+
+    monkeypatch.setattr("jitterkit.refit.fit.relinearised_scoring", noted)
+    truth = bench.truth(Mvn.of(0.12, 0.06, 30.0))
+    fit_locus(locus, Data(bench.image(truth), 4.0), optics, truth, truth.locus.moments(), sure=True)
+    assert told[0] is patient
 
 
 def test_a_bright_frame_far_off_is_not_given_up(bench, optics, deviances):
