@@ -85,7 +85,7 @@ def _check_arrays(path: Path, content: Mapping[str, Any]) -> None:
     opd = np.asarray(content.get("opd", 0.0))
     largest = float(np.abs(opd[np.isfinite(opd)]).max(initial=0.0)) if opd.dtype.kind in "iuf" else 0.0
     if 0 < largest < _LEAST_OPD:
-        message = f"{path}: the wavefront error is {largest:.3g} nm at most; give it in nm."
+        message = f"{path}: the wavefront error is {largest:.3g} nm at most; give it in nm, or as zeros."
         raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, message)
 
 
