@@ -9,7 +9,7 @@ fluxes have the same priors in both scenes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,14 +18,23 @@ from scipy.special import log_ndtr
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start, polished, resolution
-from jitterkit.loci import Mvn, principal_axes
+from jitterkit.loci import Mvn
 from jitterkit.optics import Optics
-from jitterkit.refit.boundary import minor_variance
-from jitterkit.refit.choose import DETECTED, fit_best_locus
+from jitterkit.refit.choose import fit_best_locus
 from jitterkit.refit.dwell import fit_dwelling_star, log_maxima, over_orders
 from jitterkit.refit.evidence import CHOICES, is_intricate, log_volume
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import FrameFits, fit_locus
+from jitterkit.refit.reading import (
+    OF_A_PAIR,
+    Reading,
+    best_reading,
+    describe,
+    has_a_size,
+    is_same_maximum,
+    is_straight,
+    needs_more,
+)
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
 from jitterkit.refit.weigh import describe_undecided, weight_of_evidence, with_candidate
@@ -39,13 +48,6 @@ law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51
 
 FAINTEST = 1000.0
 """Largest contrast that is searched for."""
-
-_SIZED = 3.0
-"""Standard errors of the total variance from which a jitter has a size, as its evidence takes for granted."""
-
-_STRAIGHT, _THIN = 4.0, 1e-3
-"""Standard errors of the minor variance within which a blur may have no width, and its share of the major: a
-fit with a straight locus has no error there."""
 
 _STREAKS = ("linear", "shm")
 """Loci that are weighed for a straight blur whether its shape is seen or not: two stars have another."""
@@ -63,21 +65,8 @@ are tried: pairs that were wrong had 5 and 23."""
 _LAST = max(choice.tier for choice in CHOICES.values())
 """Tier of the loci that are tried only where no other describes a frame."""
 
-_OF_A_PAIR, _SAME = ("separation", "theta", "contrast"), 0.1
-"""Errors by which these may differ between fits that began at two starts and ended at one maximum."""
-
 _ALIKE = 9.0
 """Deviance by which a scene may fit worse than another, and look like it."""
-
-
-@dataclass(frozen=True)
-class _Reading:
-    """One way to read a frame."""
-
-    start: Start
-    fit: FitResult
-    evidence: float
-    normal: FitResult | None = None  # of a pair, with a normal blur
 
 
 @dataclass(frozen=True)
@@ -100,21 +89,25 @@ class Weighing:
         grid = self.optics.nominal.grid
         return grid.plate_scale * max(grid.shape)
 
+    @property
+    def pixels(self) -> int:
+        """Number of pixels in use."""
+        return int(np.sum(np.asarray(self.data.used)))
+
     def weighed(self, star: Start, pairs: list[Start]) -> SceneChoice:
         """The scene with more evidence, and by how much."""
-        used = int(np.sum(np.asarray(self.data.used)))
-        rival = min([pair.deviance_dof * used for pair in pairs if not _is_split(pair)], default=math.inf)
-        one = _best(self.readings_of_star(star, rival))
+        rival = min([p.deviance_dof * self.pixels for p in pairs if not _is_split(p)], default=math.inf)
+        one = best_reading(self.readings_of_star(star, rival))
         # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
         of_pairs = self.readings_of_pairs(near, one.fit)
-        two = _best(of_pairs)
+        two = best_reading(of_pairs)
         every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
         # one star may move in another way; two that are still are simpler than that
         if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
-            one = _best([one, *self.readings_of_star(star, two.fit.objective, every=True)])
+            one = best_reading([one, *self.readings_of_star(star, two.fit.objective, every=True)])
             of_pairs = self.readings_of_pairs(near, one.fit) if one.evidence > two.evidence else of_pairs
-            two = _best(of_pairs)
+            two = best_reading(of_pairs)
         if two.evidence > one.evidence and two.fit.locus != "stable":
             one = self.dwelling(one, two)
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
@@ -128,10 +121,10 @@ class Weighing:
         start = self.prepared(chosen)
         fit = one.fit if chosen is one and one.fit.locus != "stable" else None
         evidence = self.evidence(one, two) if math.isfinite(log_odds) else None
-        readings = f"{_describe(one)}, or {_describe(like[0] if like else two)}"
+        readings = f"{describe(one)}, or {describe(like[0] if like else two)}"
         return SceneChoice(start, log_odds, readings, alike, fit, evidence)
 
-    def look_alike(self, star: _Reading, pair: _Reading, chosen: _Reading) -> bool:
+    def look_alike(self, star: Reading, pair: Reading, chosen: Reading) -> bool:
         """Return whether a pair and a star fit as well as each other, one of which is chosen.
 
         Then the image decides nothing.  A pair without jitter may look like any star, and a pair with jitter
@@ -145,52 +138,49 @@ class Weighing:
         is_blend = chosen is pair or pair.fit.of_scene("separation") < self.fineness
         return bool(is_blend and as_well and may_be_either)
 
-    def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[_Reading]:
+    def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[Reading]:
         """The pairs that may be read instead of a star.
 
         Those that a normal blur brings near the frame are fitted with straight ones too, if the star needs
         more than a simple locus or a normal is not enough.
         """
         fits = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
-        first = [i for i, fit in enumerate(fits) if not any(_is_same(fit, other) for other in fits[:i])]
+        first = [i for i, fit in enumerate(fits) if not any(is_same_maximum(fit, o) for o in fits[:i])]
         pairs, normals = [pairs[i] for i in first], [fits[i] for i in first]
-        used = int(np.sum(np.asarray(self.data.used)))
-        least = min(np.nan_to_num(fit.objective, nan=np.inf) for fit in normals) - used
-        near = [fit.objective - used < max(_NEARLY * least, least + _ALIKE) for fit in normals]
-        intricate = [is_near and _needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
+        least = min(np.nan_to_num(fit.objective, nan=np.inf) for fit in normals) - self.pixels
+        near = [fit.objective - self.pixels < max(_NEARLY * least, least + _ALIKE) for fit in normals]
+        intricate = [is_near and needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
         readings = map(self.readings_of_pair, pairs, normals, intricate)
         both = zip(normals, readings, strict=True)
         return [replace(reading, normal=normal) for normal, of_pair in both for reading in of_pair]
 
     def is_worse(self, pair: Start, star: FitResult) -> bool:
         """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
-        used = int(np.sum(np.asarray(self.data.used)))
         fitted = star.status is Status.OK and not _is_split(pair)
-        return fitted and pair.deviance_dof > star.objective / used + _WORSE
+        return fitted and pair.deviance_dof > star.objective / self.pixels + _WORSE
 
-    def evidence(self, one: _Reading, two: _Reading) -> SceneEvidence | None:
+    def evidence(self, one: Reading, two: Reading) -> SceneEvidence | None:
         """Return a frame's evidence for one star and for a pair, without their priors."""
-        names = _OF_A_PAIR
-        if not set(names) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
+        if not set(OF_A_PAIR) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
-        indices = [two.fit.names.index(name) for name in names]
+        indices = [two.fit.names.index(name) for name in OF_A_PAIR]
         alone = self.scene_prior(one.fit)
         return SceneEvidence(
             one.evidence - alone,
             two.evidence - self.scene_prior(two.fit),
             alone,
             math.log(COMPANIONS),
-            np.array([two.fit.of_scene(name) for name in names]),
+            np.array([two.fit.of_scene(name) for name in OF_A_PAIR]),
             two.fit.covariance[np.ix_(indices, indices)],
         )
 
-    def prepared(self, reading: _Reading) -> Start:
+    def prepared(self, reading: Reading) -> Start:
         """Prepare the start of what was chosen: a pair's where its normal blur was fitted."""
         normal = reading.normal
         if normal is not None and normal.status is Status.OK and np.all(np.isfinite(normal.covariance)):
             assert normal.parameters is not None
             otf = self.optics.otf(normal.parameters.aberrations)
-            deviance = normal.objective / int(np.sum(np.asarray(self.data.used)))
+            deviance = normal.objective / self.pixels
             return Start(normal.parameters, otf, deviance, np.linalg.inv(normal.covariance), normal.names)
         if not _is_split(reading.start):
             return reading.start
@@ -200,7 +190,7 @@ class Weighing:
         where = self.data, self.optics, otf, parameters.scene, blur
         return polished(*where, self.options.hold, rough=self.rough)
 
-    def readings_of_star(self, start: Start, rival: float, *, every: bool = False) -> Iterator[_Reading]:
+    def readings_of_star(self, start: Start, rival: float, *, every: bool = False) -> Iterator[Reading]:
         """One star with the best of the loci, with straight ones or every one, and without jitter.
 
         A fit is given up that stays far above the deviance of a pair.
@@ -208,7 +198,7 @@ class Weighing:
         common = self.common(start, rival=rival)
         jittered = fit_best_locus(*common, every=every)
         weights = {one.locus: one.evidence for one in jittered.candidates}
-        if weights and jittered.status is Status.OK and _is_straight(*jittered.moments()):
+        if weights and jittered.status is Status.OK and is_straight(*jittered.moments()):
             more = [name for name in _STREAKS if name not in weights]
             near = self.common(start, jittered, rival)
             weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
@@ -216,9 +206,9 @@ class Weighing:
         if not (every or _surely(start) or jittered.status is Status.POOR_FIT):
             yield self.still(start, self.common(start, rival=min(rival, jittered.objective)))
 
-    def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[_Reading]:
+    def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[Reading]:
         """Two stars with a normal blur, which is given, perhaps with straight ones, and without jitter."""
-        weights, seen = {normal.locus: weight_of_evidence(normal)}, _has_a_size(normal)
+        weights, seen = {normal.locus: weight_of_evidence(normal)}, has_a_size(normal)
         yield self.jittered(start, normal, weights, seen=seen)
         if straight:  # beside the normal by itself, whose evidence a mean with worse ones would lower
             near = self.common(start, normal, normal.objective)
@@ -228,7 +218,7 @@ class Weighing:
         if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
             yield self.still(start, self.common(start, rival=normal.objective))
 
-    def dwelling(self, one: _Reading, two: _Reading) -> _Reading:
+    def dwelling(self, one: Reading, two: Reading) -> Reading:
         """One star as it was read, or on a path that dwells where a pair's stars are, if more probable."""
         frame = FrameFits(self.data, self.optics, self.options, sure=True)
         path = fit_dwelling_star(frame, two.fit, one.fit)
@@ -237,9 +227,9 @@ class Weighing:
         reading = self.on_path(one, path, weight_of_evidence(path))
         if -DECIDED < two.evidence - reading.evidence < log_maxima(path) + DECIDED:
             reading = self.on_path(one, *over_orders(frame, path))
-        return _best([one, reading])
+        return best_reading([one, reading])
 
-    def on_path(self, one: _Reading, path: FitResult, evidence: float) -> _Reading:
+    def on_path(self, one: Reading, path: FitResult, evidence: float) -> Reading:
         """Return the reading of a star whose fit with a path is another one."""
         before = one.fit
         candidates = with_candidate(before.candidates, path, evidence)
@@ -270,20 +260,20 @@ class Weighing:
             otf = self.optics.otf(parameters.aberrations)
         return self.data, self.optics, parameters, moments, otf, replace(self.options, rival=rival)
 
-    def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> _Reading:
+    def jittered(self, start: Start, fit: FitResult, evidence: dict[str, float], *, seen: bool) -> Reading:
         """Each locus is as probable as any other before the frame is seen; what is not seen has no size."""
         if not evidence or not seen:
-            return _Reading(start, fit, -math.inf)
+            return Reading(start, fit, -math.inf)
         together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
         return self.reading(start, fit, together - math.log(self.sizes))
 
-    def still(self, start: Start, common) -> _Reading:
+    def still(self, start: Start, common) -> Reading:
         fit = fit_locus("stable", *common, sure=True)  # signs were tried with a normal
         return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
 
-    def reading(self, start: Start, fit: FitResult, evidence: float) -> _Reading:
+    def reading(self, start: Start, fit: FitResult, evidence: float) -> Reading:
         prior = -math.inf if fit.parameters is None else self.scene_prior(fit)
-        return _Reading(start, fit, evidence + prior if evidence == evidence else -math.inf)
+        return Reading(start, fit, evidence + prior if evidence == evidence else -math.inf)
 
     @property
     def sizes(self) -> float:
@@ -306,26 +296,6 @@ class Weighing:
         return math.log(density) + within + colours if contrast < FAINTEST else -math.inf
 
 
-def _has_a_size(fit: FitResult) -> bool:
-    """Return whether jitter of a positive variance is seen: a pair may have absorbed too much of it."""
-    moments, covariance = fit.moments()
-    error = math.sqrt(max(covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2], 0.0))
-    return significance(moments, covariance) > DETECTED and bool(moments[0] + moments[2] > _SIZED * error)
-
-
-def _is_same(fit: FitResult, other: FitResult) -> bool:
-    """Return whether a pair's fit ended at the same maximum as another one, which settled."""
-    moved = [abs(fit.of_scene(name) - other.of_scene(name)) / fit.error(name) for name in _OF_A_PAIR]
-    near = abs(fit.objective - other.objective) < _SAME**2 and max(moved) < _SAME
-    return other.status is Status.OK and near
-
-
-def _needs_more(star: FitResult, normal: FitResult) -> bool:
-    """Return whether one star needs more than a simple locus, or a pair more than a normal."""
-    simple = star.status is Status.OK and not is_intricate(star.locus)
-    return normal.parameters is not None and (not simple or normal.status is not Status.OK)
-
-
 def _is_split(start: Start) -> bool:
     """Return whether a pair was made of a star's blur, and not fitted yet."""
     return start.parameters.scene.name == Binary.name and "separation" not in start.names
@@ -334,27 +304,3 @@ def _is_split(start: Start) -> bool:
 def _surely(start: Start) -> bool:
     """Return whether a start shows jitter so clearly that a fit without it is not needed."""
     return significance(np.asarray(start.parameters.locus.moments()), start.covariance) > _SURELY
-
-
-def _best(readings: Iterable[_Reading]) -> _Reading:
-    """The most probable; of those for which nothing speaks, the one that fits best."""
-    return max(readings, key=lambda one: (one.evidence, -np.nan_to_num(one.fit.objective, nan=np.inf)))
-
-
-def _is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:
-    """Return whether a blur may have no width."""
-    minor, error = minor_variance(moments, covariance)
-    return bool(minor < max(_STRAIGHT * error, _THIN * (moments[0] + moments[2] - minor)))
-
-
-def _describe(reading: _Reading) -> str:
-    """Describe a reading in words."""
-    fit = reading.fit
-    if fit.parameters is None:
-        return "neither"
-    scene = fit.parameters.scene
-    major, minor, _ = principal_axes(fit.moments()[0])
-    jitter = f"a jitter of {major:.3g} x {minor:.3g} arcsec rms" if major > 0 else "no jitter"
-    if isinstance(scene, Binary):
-        return f"two stars {float(scene.separation):.4g} arcsec apart with {jitter}"
-    return f"one star with {jitter}"

@@ -15,7 +15,8 @@ from jitterkit.locate import locate_binary
 from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus
 from jitterkit.refit.choose_scene import _Frame
-from jitterkit.refit.weigh_scenes import Weighing, _is_same, _Reading
+from jitterkit.refit.reading import Reading, is_same_maximum
+from jitterkit.refit.weigh_scenes import Weighing
 from jitterkit.scene import Binary, Star
 from jitterkit.simulate import simulate_frame
 
@@ -114,7 +115,7 @@ def test_a_close_pair_that_fits_as_well_looks_like_an_intricate_star_though_it_h
         FitResult(Status.OK, "", parameters=one, locus=locus, objective=objective)
         for one, locus, objective in zip(shown, (of_star, of_pair), (4000.0, 4000.0 + worse), strict=True)
     ]
-    star, two = _Reading(None, fits[0], -2000.0), _Reading(None, fits[1], -math.inf)
+    star, two = Reading(None, fits[0], -2000.0), Reading(None, fits[1], -math.inf)
     assert weighing.look_alike(star, two, star if chosen == "star" else two) == alike
 
 
@@ -268,4 +269,4 @@ def test_two_pairs_are_one_if_their_fits_end_at_one_maximum_that_settled(moved, 
         )
         for how, separation, objective in ((status, 3.0, 4000.0), (Status.OK, 3.0 + moved, deviance))
     ]
-    assert _is_same(fits[1], fits[0]) == same
+    assert is_same_maximum(fits[1], fits[0]) == same
