@@ -79,6 +79,7 @@ def plot_field(
     x: np.ndarray,
     y: np.ndarray,
     moments: np.ndarray,
+    common: np.ndarray,
     shape: tuple[int, int],
     *,
     plate_scale: float | None = None,
@@ -88,9 +89,11 @@ def plot_field(
     Parameters
     ----------
     estimate : KernelEstimate
-        What the stars have in common.
+        Of the motion that the stars have in common.
     x, y, moments, shape
         As in :func:`plot_whiskers`.
+    common : (3,) array
+        Mean of the stars' moments, measured as these are.
     plate_scale : float, optional
         arcsec per pixel; None where lengths are in pixels.
 
@@ -104,7 +107,7 @@ def plot_field(
     _, unit = scale_and_unit(plate_scale)
     _draw_kernel(estimate, axes[0], plate_scale)
     plot_whiskers(x, y, moments, shape, axes[1], unit=unit)
-    plot_differences(moments, estimate.moments, axes[2], unit=unit)
+    plot_differences(moments, common, axes[2], unit=unit)
     return axes
 
 

@@ -111,7 +111,8 @@ def _draw(measured: BlurMeasurement) -> list[Any]:
         return plot_estimate(estimate, image, sharp, blurred, scale, variance=variance, mask=mask)
     if isinstance(evidence, FieldEstimate):
         x, y, moments = (values[evidence.used] for values in (evidence.x, evidence.y, evidence.moments))
-        return plot_field(estimate, x, y, moments, measured.frame.shape, plate_scale=scale)
+        where = x, y, moments, evidence.common, measured.frame.shape
+        return plot_field(estimate, *where, plate_scale=scale)
     sharp = deblur(evidence, kernel_image(estimate, scale or 1.0))
     return plot_extended(estimate, evidence, sharp, plate_scale=scale)
 
