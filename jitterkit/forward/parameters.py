@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 from jitterkit.loci.base import Locus, principal_axes
 from jitterkit.optics.otf import OTF
 from jitterkit.precision import real
@@ -152,7 +152,8 @@ def free_parameters(
     Raises
     ------
     ConfigurationError
-        If a name to hold names nothing, or the optics have other aberrations than the parameters.
+        If a name to hold names nothing, every one is held, or the optics have other aberrations than the
+        parameters.
     """
     if len(otf.names) - len(parameters.aberrations) not in (0, len(otf.further)):
         raise ConfigurationError(
@@ -170,6 +171,8 @@ def free_parameters(
     nothing = set(otf.names) - set(otf.varied(parameters.scene))
     held = {*held_with(hold), *known, *otf.blind(), *nothing}
     free = tuple(i for i, name in enumerate(every) if name not in held)
+    problem = f"Every parameter is held ({', '.join(every)}); leave one free, such as the flux."
+    refuse_if(not free, ErrorCode.TOO_FEW, problem)
     return tuple(every[i] for i in free), free
 
 

@@ -5,9 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jitterkit.errors import ConfigurationError
 from jitterkit.forward import (
     Parameters,
     expected_image,
+    free_parameters,
     image_and_jacobian,
     parameter_names,
     to_vector,
@@ -222,3 +224,14 @@ def test_derivatives_agree_with_automatic_differentiation_of_the_image(otf):
     for k in range(vector.size):
         reference = np.asarray(automatic[..., k])
         assert np.asarray(jacobian[k]) == pytest.approx(reference, abs=1e-12 * np.abs(reference).max())
+
+
+def test_something_is_left_to_fit(otf):
+    parameters = Parameters(Binary(10.0, 90.0, 0.0, 0.0, 1e5, 3.0), Stable.of(), otf.state)
+    every = parameter_names(parameters, otf.names)
+    names, free = free_parameters(parameters, otf, set(every) - {"flux"})
+    assert (names, free) == (("flux",), (every.index("flux"),))
+    with pytest.raises(ConfigurationError, match="leave one free"):
+        free_parameters(parameters, otf, every)
+    with pytest.raises(ConfigurationError, match="no parameter 'fluxx' to hold"):
+        free_parameters(parameters, otf, ["fluxx"])
