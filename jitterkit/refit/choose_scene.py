@@ -42,7 +42,8 @@ from jitterkit.refit.choose import DETECTED
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.priors import Priors
 from jitterkit.refit.scene_choice import SceneChoice
-from jitterkit.refit.weigh_scenes import FAINTEST, Weighing
+from jitterkit.refit.scene_prior import FAINTEST
+from jitterkit.refit.weigh_scenes import Weighing
 from jitterkit.scene import Binary, Scene, Star, Stars
 
 __all__ = ["SCENES", "choose_scene"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -48,6 +48,15 @@ class Reading:
     fit: FitResult
     evidence: float
     normal: FitResult | None = None
+
+
+@dataclass(frozen=True)
+class FittedPair:
+    """Hold a pair, its fit with a normal blur, and those with other blurs that were asked for, by locus."""
+
+    start: Start
+    normal: FitResult
+    others: dict[str, FitResult] = field(default_factory=dict)
 
 
 def best_reading(readings: Iterable[Reading]) -> Reading:

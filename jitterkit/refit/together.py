@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
-from jitterkit.refit.weigh_scenes import FAINTEST
+from jitterkit.refit.scene_prior import FAINTEST
 
 
 def scene_together(choices: Sequence[SceneChoice]) -> str | None:

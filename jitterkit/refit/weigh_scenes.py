@@ -1,10 +1,4 @@
-"""Weigh two readings of a frame: one star, or a pair.
-
-The priors are proper, since they do not cancel between scenes.  A star has a companion within an e-fold of
-separation by a chance of :data:`COMPANIONS`, its difference in magnitude is uniform, its direction too.
-Jitter has a size, uniform in its logarithm, or is too small to be seen, with the same chance.  Places and
-fluxes have the same priors in both scenes.
-"""
+"""Weigh two readings of a frame: one star, or a pair."""
 
 from __future__ import annotations
 
@@ -13,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
@@ -27,6 +20,7 @@ from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import FrameFits, fit_locus
 from jitterkit.refit.reading import (
     OF_A_PAIR,
+    FittedPair,
     Reading,
     best_reading,
     describe,
@@ -37,17 +31,9 @@ from jitterkit.refit.reading import (
 )
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
+from jitterkit.refit.scene_prior import COMPANIONS, ScenePrior
 from jitterkit.refit.weigh import describe_undecided, weight_of_evidence, with_candidate
 from jitterkit.scene import Binary
-
-__all__ = ["COMPANIONS", "FAINTEST", "Weighing"]
-
-COMPANIONS = 0.05
-"""Share of stars that have a companion, an e-fold of separation: 44 % of stars like the sun, over a normal
-law of 2.28 decades of period (Duchene & Kraus, Annu. Rev. Astron. Astrophys. 51, 269, 2013)."""
-
-FAINTEST = 1000.0
-"""Largest contrast that is searched for."""
 
 _STREAKS = ("linear", "shm")
 """Loci that are weighed for a straight blur whether its shape is seen or not: two stars have another."""
@@ -61,6 +47,9 @@ _WORSE = 0.3
 _NEARLY = 2.0
 """Ratio of a pair's excess of deviance with a normal blur to that of the best pair, up to which other blurs
 are tried: pairs that were wrong had 5 and 23."""
+
+_CATCHES_UP = 10.0
+"""Logarithm of the odds that a pair with a straight blur may make up for against one with a normal blur."""
 
 _LAST = max(choice.tier for choice in CHOICES.values())
 """Tier of the loci that are tried only where no other describes a frame."""
@@ -84,10 +73,9 @@ class Weighing:
         return resolution(self.optics.nominal)
 
     @property
-    def width(self) -> float:
-        """Of the frame, arcsec, along its longer side."""
-        grid = self.optics.nominal.grid
-        return grid.plate_scale * max(grid.shape)
+    def prior(self) -> ScenePrior:
+        """Return what is known of scenes beforehand."""
+        return ScenePrior.of(self.optics.nominal)
 
     @property
     def pixels(self) -> int:
@@ -100,16 +88,15 @@ class Weighing:
         one = best_reading(self.readings_of_star(star, rival))
         # one pair at least, for its evidence
         near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
-        of_pairs = self.readings_of_pairs(near, one.fit)
+        normals = self.normals(near)
+        of_pairs = self.readings_of_pairs(normals, one)
         two = best_reading(of_pairs)
-        every = any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES)
-        # one star may move in another way; two that are still are simpler than that
-        if two.evidence > one.evidence and two.fit.locus != "stable" and not every:
-            one = best_reading([one, *self.readings_of_star(star, two.fit.objective, every=True)])
-            of_pairs = self.readings_of_pairs(near, one.fit) if one.evidence > two.evidence else of_pairs
-            two = best_reading(of_pairs)
-        if two.evidence > one.evidence and two.fit.locus != "stable":
-            one = self.dwelling(one, two)
+        for another in (self.on_any_locus, self.dwelling):
+            # one star may move in another way; two that are still are simpler than that
+            if two.evidence > one.evidence and two.fit.locus != "stable":
+                one = another(one, two)
+                of_pairs = self.readings_of_pairs(normals, one) if one.evidence > two.evidence else of_pairs
+                two = best_reading(of_pairs)
         if math.isfinite(one.evidence) or math.isfinite(two.evidence):
             log_odds = float(two.evidence - one.evidence)
         else:  # the fit to come will say so of the better
@@ -138,21 +125,25 @@ class Weighing:
         is_blend = chosen is pair or pair.fit.of_scene("separation") < self.fineness
         return bool(is_blend and as_well and may_be_either)
 
-    def readings_of_pairs(self, pairs: list[Start], star: FitResult) -> list[Reading]:
+    def normals(self, pairs: list[Start]) -> list[FittedPair]:
+        """Fit pairs with a normal blur; of those that end at one maximum, the first."""
+        fits = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
+        first = [i for i, fit in enumerate(fits) if not any(is_same_maximum(fit, o) for o in fits[:i])]
+        return [FittedPair(pairs[i], fits[i]) for i in first]
+
+    def readings_of_pairs(self, pairs: list[FittedPair], star: Reading) -> list[Reading]:
         """The pairs that may be read instead of a star.
 
         Those that a normal blur brings near the frame are fitted with straight ones too, if the star needs
         more than a simple locus or a normal is not enough.
         """
-        fits = [fit_locus("mvn", *self.common(pair)) for pair in pairs]
-        first = [i for i, fit in enumerate(fits) if not any(is_same_maximum(fit, o) for o in fits[:i])]
-        pairs, normals = [pairs[i] for i in first], [fits[i] for i in first]
-        least = min(np.nan_to_num(fit.objective, nan=np.inf) for fit in normals) - self.pixels
-        near = [fit.objective - self.pixels < max(_NEARLY * least, least + _ALIKE) for fit in normals]
-        intricate = [is_near and needs_more(star, fit) for fit, is_near in zip(normals, near, strict=True)]
-        readings = map(self.readings_of_pair, pairs, normals, intricate)
-        both = zip(normals, readings, strict=True)
-        return [replace(reading, normal=normal) for normal, of_pair in both for reading in of_pair]
+        least = min(np.nan_to_num(pair.normal.objective, nan=np.inf) for pair in pairs) - self.pixels
+        readings = []
+        for pair in pairs:
+            near = pair.normal.objective - self.pixels < max(_NEARLY * least, least + _ALIKE)
+            of_pair = self.readings_of_pair(pair, star, straight=near and needs_more(star.fit, pair.normal))
+            readings += [replace(reading, normal=pair.normal) for reading in of_pair]
+        return readings
 
     def is_worse(self, pair: Start, star: FitResult) -> bool:
         """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
@@ -164,10 +155,10 @@ class Weighing:
         if not set(OF_A_PAIR) <= set(two.fit.names) or not np.all(np.isfinite(two.fit.covariance)):
             return None
         indices = [two.fit.names.index(name) for name in OF_A_PAIR]
-        alone = self.scene_prior(one.fit)
+        alone = self.prior.log_density(one.fit)
         return SceneEvidence(
             one.evidence - alone,
-            two.evidence - self.scene_prior(two.fit),
+            two.evidence - self.prior.log_density(two.fit),
             alone,
             math.log(COMPANIONS),
             np.array([two.fit.of_scene(name) for name in OF_A_PAIR]),
@@ -204,19 +195,35 @@ class Weighing:
             weights |= {name: weight_of_evidence(fit_locus(name, *near, sure=True)) for name in more}
         yield self.jittered(start, jittered, weights, seen="jitter_undetected" not in jittered.flags)
         if not (every or _surely(start) or jittered.status is Status.POOR_FIT):
-            yield self.still(start, self.common(start, rival=min(rival, jittered.objective)))
+            yield self.still(start, _fit_still(*self.common(start, rival=min(rival, jittered.objective))))
 
-    def readings_of_pair(self, start: Start, normal: FitResult, straight: bool) -> Iterator[Reading]:
-        """Two stars with a normal blur, which is given, perhaps with straight ones, and without jitter."""
+    def readings_of_pair(self, pair: FittedPair, star: Reading, *, straight: bool) -> Iterator[Reading]:
+        """Two stars with a normal blur, perhaps with straight ones, and without jitter.
+
+        Straight ones are tried too where a normal one is straight, and might win by being simpler.
+        """
+        start, normal = pair.start, pair.normal
         weights, seen = {normal.locus: weight_of_evidence(normal)}, has_a_size(normal)
-        yield self.jittered(start, normal, weights, seen=seen)
-        if straight:  # beside the normal by itself, whose evidence a mean with worse ones would lower
+        first = self.jittered(start, normal, weights, seen=seen)
+        yield first
+        behind = star.evidence - first.evidence
+        if straight or (-DECIDED < behind < _CATCHES_UP and is_straight(*normal.moments())):
             near = self.common(start, normal, normal.objective)
-            fits = [normal, *(fit_locus(name, *near, sure=True) for name in _STREAKS)]
+            pair.others.update((n, fit_locus(n, *near, sure=True)) for n in _STREAKS if n not in pair.others)
+            # beside the normal by itself, whose evidence a mean with worse ones would lower
+            fits = [normal, *(pair.others[name] for name in _STREAKS)]
             weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
             yield self.jittered(start, max(fits, key=lambda fit: weights[fit.locus]), weights, seen=seen)
         if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
-            yield self.still(start, self.common(start, rival=normal.objective))
+            if "stable" not in pair.others:
+                pair.others["stable"] = _fit_still(*self.common(start, rival=normal.objective))
+            yield self.still(start, pair.others["stable"])
+
+    def on_any_locus(self, one: Reading, two: Reading) -> Reading:
+        """One star as it was read, or with the best of all loci, those of the last tier too."""
+        if any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES):
+            return one
+        return best_reading([one, *self.readings_of_star(one.start, two.fit.objective, every=True)])
 
     def dwelling(self, one: Reading, two: Reading) -> Reading:
         """One star as it was read, or on a path that dwells where a pair's stars are, if more probable."""
@@ -265,35 +272,18 @@ class Weighing:
         if not evidence or not seen:
             return Reading(start, fit, -math.inf)
         together = float(np.logaddexp.reduce(list(evidence.values()))) - math.log(len(evidence))
-        return self.reading(start, fit, together - math.log(self.sizes))
+        return self.reading(start, fit, together - self.prior.log_sizes)
 
-    def still(self, start: Start, common) -> Reading:
-        fit = fit_locus("stable", *common, sure=True)  # signs were tried with a normal
+    def still(self, start: Start, fit: FitResult) -> Reading:
         return self.reading(start, fit, log_volume(fit) if fit.status is Status.OK else -math.inf)
 
     def reading(self, start: Start, fit: FitResult, evidence: float) -> Reading:
-        prior = -math.inf if fit.parameters is None else self.scene_prior(fit)
+        prior = -math.inf if fit.parameters is None else self.prior.log_density(fit)
         return Reading(start, fit, evidence + prior if evidence == evidence else -math.inf)
 
-    @property
-    def sizes(self) -> float:
-        """Range of the logarithm of the jitter's variance: from a hundredth of the resolution to a quarter of
-        the frame.
-        """
-        return 2 * math.log(25 * self.width / self.fineness)
 
-    def scene_prior(self, fit: FitResult) -> float:
-        """Logarithm of the prior density of what a scene has beside position and light."""
-        assert fit.parameters is not None
-        scene, known = fit.parameters.scene, self.optics.nominal.colours
-        colours = 0.0 if scene.indices is None or known is None else known.log_density * len(scene.indices)
-        range_of_separations = math.log(10 * math.sqrt(2) * self.width / self.fineness)
-        if not isinstance(scene, Binary):
-            return math.log(max(1 - COMPANIONS * range_of_separations, COMPANIONS)) + colours
-        separation, contrast = float(scene.separation), float(scene.contrast)
-        within = float(log_ndtr((contrast - 1) / fit.error("contrast")))  # B is not the brighter
-        density = COMPANIONS / (separation * 360.0 * contrast * math.log(FAINTEST))
-        return math.log(density) + within + colours if contrast < FAINTEST else -math.inf
+def _fit_still(*common) -> FitResult:
+    return fit_locus("stable", *common, sure=True)  # signs were tried with a normal
 
 
 def _is_split(start: Start) -> bool:

@@ -10,8 +10,8 @@ from jitterkit.forward import Parameters
 from jitterkit.locate import Start
 from jitterkit.loci import Stable
 from jitterkit.refit.scene_choice import SceneChoice, SceneEvidence
+from jitterkit.refit.scene_prior import COMPANIONS, FAINTEST
 from jitterkit.refit.together import log_odds_together, scene_together
-from jitterkit.refit.weigh_scenes import COMPANIONS, FAINTEST
 from jitterkit.scene import Binary, Star
 
 ALONE = math.log(0.8)
