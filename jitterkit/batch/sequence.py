@@ -47,6 +47,9 @@ class FileExposures:
     overlap : str
         A sentence on exposures that began before an earlier one had ended, among the frames gone over so far;
         empty where there are none.
+    unbroken : bool
+        Whether some of these, of one file whose header has one time, are taken to follow each other without a
+        pause.
     jump : str
         A sentence where hours lie between two files whose names are in the other order: a clock was reset, or
         midnight passed and the date stayed; empty otherwise.
@@ -76,11 +79,11 @@ class FileExposures:
         self.timed = cadence is not None or bool(known)
         self._times = {} if cadence is not None and len(known) < len(times) else known
         self.files = sorted(files, key=lambda path: self._times.get(path, math.inf))
-        self.overlap = ""
+        self.overlap, self.unbroken = "", False
         self.jump = _jump([path for path in self.files if path in self._times], self._times, files)
 
     def __iter__(self) -> Iterator[Exposure]:
-        self.overlap = ""
+        self.overlap, self.unbroken = "", False
         clock, known = _Clock(self.cadence, self._times), Duplicates()
         for path in self.files:
             index = 0
@@ -115,9 +118,9 @@ class FileExposures:
             frame = self.processor.calibrate(raw)
             if original := known.original(frame.digest, f"{raw.path} [{raw.index}]"):
                 return Exposure(raw.name, math.nan, None, FitResult.duplicate_of(original))
-            optics, when = self.processor.optics(frame), clock.middle(frame)
+            optics, when = self.processor.optics(frame), clock.middle(frame, raw.after)
             clock.occupy(raw, when, frame.exposure)
-            self.overlap = clock.overlap
+            self.overlap, self.unbroken = clock.overlap, clock.unbroken
         except JitterkitError as error:
             result = status_from_exception(error, None, self.processor.plate_scale)
             return Exposure(raw.name, clock.lost(), None, result)
@@ -169,6 +172,7 @@ class _Clock:
         self._rounding = float(self._reads_times and all(time.is_integer() for time in times.values()))
         self._last: tuple[float, Path | None, str] = (-math.inf, None, "")
         self._overlaps: list[str] = []
+        self._delay, self.unbroken = 0.0, False  # by which detectors exposed at once are modelled later, s
 
     @property
     def _reads_times(self) -> bool:
@@ -179,8 +183,11 @@ class _Clock:
         self._count += 1
         return math.nan
 
-    def middle(self, frame: Frame) -> float:
-        """Return the middle of an exposure, s from the beginning of the first."""
+    def middle(self, frame: Frame, after: int | None) -> float:
+        """Return the middle of an exposure, s from the beginning of the first.
+
+        An image whose header has a time of its own was taken then, after ``after`` planes of that header.
+        """
         exposure = frame.exposure or 0.0
         step = self._cadence or exposure or 1.0
         if not self._reads_times:
@@ -191,7 +198,13 @@ class _Clock:
         if start is None or known is None:
             problem = "does not say when it was taken, as others do"
             raise FrameError(ErrorCode.MISSING_VALUE, frame.path, problem, "give the --cadence")
-        start += frame.index * step * frame.several - ("-AVG" in known.source) * exposure / 2
+        index, own = frame.index * frame.several, epoch_seconds(known.value)
+        if own != start and after is not None and "T" in known.value:
+            start, index = own, after
+        ordinal = index if after is None else after
+        self.unbroken |= ordinal > 0
+        self._delay = (index - ordinal) * exposure
+        start += index * step - ("-AVG" in known.source) * exposure / 2
         self._zero = start if self._zero is None else self._zero
         return start - self._zero + exposure / 2
 
@@ -203,8 +216,7 @@ class _Clock:
         if not exposure:
             return
         end, path, name = self._last
-        ordinal = raw.index if raw.after is None else raw.after
-        start = middle - exposure / 2 - (raw.index - ordinal) * exposure * self._reads_times
+        start = middle - exposure / 2 - self._delay
         apart = not self._reads_times or raw.path != path
         if apart and end - start > _SHUTTER * exposure + self._rounding:
             self._overlaps.append(f"{raw.name} begins {end - start:.3g} s before {name} ends")

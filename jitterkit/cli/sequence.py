@@ -106,8 +106,12 @@ def sequence(
     if not exposures.timed:
         order = "the frames are used in the natural order of their names, without a pause between them"
         log(f"No header holds a time of day: {order}.")
+    if exposures.unbroken:
+        log("The frames of one file are taken to follow each other without a pause: else give the --cadence.")
     for sentence in filter(None, (exposures.jump, exposures.overlap)):
         log(sentence)
+    if trace is not None and fit.rows is None:
+        log("The telemetry is not used: no frame has a rolling shutter (line_time).")
     _write_outputs(fit, most_stacked(latest.stacks), output, overwrite)
     duplicates = sum(record.status is Status.DUPLICATE for record in fit.records)
     if not fit.combined.kept.all() or len(fit.summaries) + duplicates < len(fit.records):

@@ -193,6 +193,30 @@ def test_copies_and_the_detectors_of_one_camera_do_not_overlap(write, tmp_path):
     assert not exposures.overlap
 
 
+def test_images_of_one_file_have_the_times_of_their_own_headers(write, tmp_path):
+    """Seconds 1, 4 (two planes) and 9 after the minute, in one file; 6 in another."""
+    images = [fits.PrimaryHDU()]
+    for number, (seconds, planes) in enumerate([(1, 1), (4, 2), (9, 1)]):
+        values = np.arange(16 * planes, dtype=np.int16).reshape(planes, 4, 4) + 50 * number
+        header = fits.Header({"DATE-OBS": f"2027-03-01T03:00:0{seconds}"})
+        images.append(fits.ImageHDU(values, header, name="SCI", ver=number + 1))
+    fits.HDUList(images).writeto(tmp_path / "many.fits")
+    exposures, frames = gone_over(tmp_path)
+    np.testing.assert_allclose([e.time for e in frames], [0.25, 3.25, 3.75, 8.25])
+    assert not exposures.overlap
+    assert exposures.unbroken
+    write("next.fits", seconds=9.2)
+    assert gone_over(tmp_path)[0].overlap.startswith("next.fits begins 0.3 s before many.fits[3] ends")
+
+
+@pytest.mark.parametrize(("planes", "cadence", "said"), [(3, None, True), (3, 2.0, False), (1, None, False)])
+def test_planes_without_times_of_their_own_are_said_to_follow_each_other(
+    planes, cadence, said, write, tmp_path
+):
+    write("cube.fits", seconds=1.0, planes=planes)
+    assert gone_over(tmp_path, cadence=cadence)[0].unbroken == said
+
+
 def test_times_with_and_without_a_zone_are_one_clock(tmp_path):
     """Beside a TIFF the time is what its owner wrote; two hours east of Greenwich it is two hours earlier."""
     for name, time in {
