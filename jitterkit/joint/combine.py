@@ -95,6 +95,11 @@ class Combined:
         """Return a shared parameter."""
         return float(self.values[self.names.index(name)])
 
+    def contradicting(self) -> np.ndarray:
+        """Return which frames (n,) contradict all the others by more than chance does in 0.01 of the runs."""
+        chi2, limit = _chi2_and_limits(self, len(self.kept))
+        return chi2 > limit
+
     def shared(self) -> Iterator[Shared]:
         """Yield the shared parameters at each frame, in order."""
         k = len(self.names)

@@ -66,12 +66,15 @@ class Rows(NamedTuple):
         Change of the separation by a velocity along the pair, at worst, s: arcsec per arcsec/s.
     unknown : float
         Standard error of the velocity within the frames, arcsec/s; NaN where unknown.
+    told : bool
+        Whether the velocity is that of telemetry; ``unknown`` is then what it lacks of that between frames.
     """
 
     line_time: float
     modelled: bool
     leverage: float
     unknown: float
+    told: bool = False
 
 
 @dataclass(frozen=True, eq=False)

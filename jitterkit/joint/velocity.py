@@ -87,15 +87,20 @@ def smear_allowed(moments, errors, velocity) -> float:
     Returns
     -------
     length : float
-        arcsec: that of a streak whose variance is the blur's, and three of its errors.  Infinite where
-        nothing is known.
+        arcsec: that of a streak whose variance is the blur's, and five errors.  Infinite where nothing is
+        known.
+
+    Notes
+    -----
+    The error is the largest of the moments': across a short streak, whose direction noise may change, its
+    own is too small.
     """
     speed = float(np.hypot(*velocity))
     if speed == 0 or not np.all(np.isfinite(moments)):
         return float("inf")
     ux, uy = np.asarray(velocity) / speed
     weights = np.array([ux * ux, 2 * ux * uy, uy * uy])
-    variance = weights @ np.asarray(moments) + 3 * np.sqrt(np.nansum((weights * np.asarray(errors)) ** 2))
+    variance = weights @ np.asarray(moments) + 5 * np.max(np.nan_to_num(errors))
     return float(np.sqrt(12 * max(variance, 0.0)))
 
 
@@ -143,6 +148,27 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
     return np.nan_to_num(np.stack(ends, axis=1) / exposure)
+
+
+def unexplained_by_trace(trace, times, positions, exposure: float) -> float:
+    """Return the velocity between frames that a measured pointing does not have.
+
+    Parameters
+    ----------
+    trace, times, exposure
+        As for :func:`velocity_from_trace`.
+    positions : (n, 2) array
+        Of the image in the frames, arcsec.
+
+    Returns
+    -------
+    velocity : float
+        rms of one component, arcsec/s; zero of one frame.
+    """
+    t, *axes = (np.asarray(v, float) for v in trace)
+    moments = np.asarray(times, float)[:, None] + exposure * (np.arange(33) - 16) / 33
+    pointing = np.stack([np.interp(moments, t, axis).mean(axis=1) for axis in axes], axis=1)
+    return float(np.sqrt(np.nanmean(velocity_between_frames(times, positions - pointing) ** 2)))
 
 
 STILL = np.zeros(2)
@@ -216,9 +242,11 @@ class Shutters:
         """Return the effect of the rolling shutter on a separation [arcsec], and how well it is corrected."""
         if not self.line_time:
             return None
-        unknown = 0.0
-        if self.rolling and self.telemetry is None:
-            times, positions = zip(*((record.time, record.position) for record in records), strict=True)
+        unknown, told = 0.0, self.telemetry is not None
+        times, positions = zip(*((record.time, record.position) for record in records), strict=True)
+        if self.rolling and told:
+            unknown = unexplained_by_trace(self.telemetry, times, positions, self.exposure)
+        elif self.rolling:
             unknown = max(motion_unknown(times, positions), self._excluded_speed)
         leverage = abs(self.line_time * separation) / self.grid.plate_scale
-        return Rows(self.line_time, self.rolling, leverage, unknown)
+        return Rows(self.line_time, self.rolling, leverage, unknown, told)

@@ -30,6 +30,9 @@ _CERTAIN = 9.0
 _UNSURE = 0.3
 """Of a frame's error, from which what a rolling shutter adds is reported: 5 % more of it."""
 
+_ODD = 0.25
+"""Share of the frames above which those that contradict the others are reported: none of them is left out."""
+
 
 def joint_summary(
     fit: SequenceFit, floor: Floor | None = None, stack: ResidualStack | None = None
@@ -47,7 +50,8 @@ def joint_summary(
     Returns
     -------
     summary : dict
-        ``frames``, ``counted``, ``status`` and ``outliers``; ``separation`` [arcsec], its ``error`` being
+        ``frames``, ``counted``, ``status``, ``outliers`` and how many that count are ``contradicting`` the
+        others; ``separation`` [arcsec], its ``error`` being
         the joint Cramér-Rao bound, with ``error_by_scatter`` and ``chi2_dof`` of the frames about it, how
         many of them are ``with_model_error`` or have the flag ``misfit``, the ``scale_error`` that the plate
         scale adds, which is that of one frame, the ``scale_factor`` by which a fitted plate scale makes its
@@ -75,6 +79,7 @@ def joint_summary(
         "counted": len(kept),
         "status": {s.name.lower(): statuses.count(s) for s in Status if s in statuses},
         "outliers": [f.record.name for f in frames if f.shared is not None and not f.kept],
+        "contradicting": int(np.sum(fit.combined.contradicting() & fit.combined.kept)),
         "separation": {
             "unit": "arcsec",
             "mean": mean,
@@ -167,16 +172,23 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
         sentences.append(f"{stop}: more frames do not make the mean better.")
     rows, error = summary["rows"], summary["separation"]["error_of_a_frame"]
     if rows is not None and rows["modelled"] and rows["leverage"] * rows["unknown"] > _UNSURE * error:
-        motion = f"to give its motion within them ({number(rows['unknown'], 2)} arcsec/s)"
+        speed = f"{number(rows['unknown'], 2)} arcsec/s"
         added = f"adds up to {angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame"
-        irregular = f"The image moves between frames too irregularly {motion}"
-        sentences.append(f"{irregular}: the rolling shutter {added}. Give --telemetry.")
-    chi2_dof = summary["separation"]["chi2_dof"]
-    if abs(chi2_dof - 1) > 5 * math.sqrt(2 / max(summary["counted"] - 1, 1)):
+        found = f"The image moves between frames too irregularly to give its motion within them ({speed})"
+        remedy = "Give --telemetry"
+        if rows["told"]:
+            found = f"Between frames the telemetry misses {speed} of the image's motion"
+            remedy = "Unless the telescope stepped there, check its signs, axes, unit and clock"
+        sentences.append(f"{found}: the rolling shutter {added}. {remedy}.")
+    separations, odd = summary["separation"]["chi2_dof"], summary["contradicting"]
+    wrong = abs(separations - 1) > 5 * math.sqrt(2 / max(summary["counted"] - 1, 1))
+    if wrong or odd > _ODD * summary["counted"]:
+        found = f"The separations scatter by {number(math.sqrt(separations), 3)} times their errors"
+        if not wrong:
+            found = f"{odd} frames contradict the others in what they share, too many to leave them out"
         sentences.append(
-            f"The separations scatter by {number(math.sqrt(chi2_dof), 3)} times their errors: something is "
-            "not in the model. Of a field that rotates give --law theta=polynomial:1; frames of another "
-            "target or camera belong in another run."
+            f"{found}: something is not in the model. Of a field that rotates give --law theta=polynomial:1; "
+            "frames of another target or camera, or turned by half a turn, belong in another run."
         )
     return sentences
 

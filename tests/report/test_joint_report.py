@@ -34,8 +34,9 @@ ERROR = 1e-4
 
 
 def made(
-    rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3, bare=(), chi2_dof=1.0, flags=()
-):
+    rng, *, slope=0.0, odd=(), frames=30, rows=None, stated=(np.nan,) * 3, bare=(), chi2_dof=1.0, flags=(),
+    aberrations=None, turned=(),
+):  # fmt: skip
     """A sequence whose separations scatter by their errors; one frame in the middle could not be read."""
     summaries, records = LikelihoodSummaries(("separation", "noll4")), Records(OWN)
     information = np.diag([ERROR**-2, 25.0])
@@ -49,7 +50,7 @@ def made(
         best = np.array(
             [10 + ERROR * rng.standard_normal() + slope * (time - 1.5), 0.2 * rng.standard_normal()]
         )
-        best[0] += 0.01 * (i in odd)
+        best += 0.01 * (i in odd), 8.0 * (i in turned)
         summaries.append(LikelihoodSummary(time, best, np.zeros(2), information))
         own = np.array([0.3 * time, 0.4 * time, 1e5, 0.04, 0.0])
         records.append(
@@ -59,7 +60,7 @@ def made(
                 np.full(3, np.nan) if i in bare else np.array(stated), has_summary=True, dof=16e3,
             )
         )  # fmt: skip
-    time_models = {"separation": Constant(), "noll4": OrnsteinUhlenbeck(1.0, 2.0)}
+    time_models = {"separation": Constant(), "noll4": aberrations or OrnsteinUhlenbeck(1.0, 2.0)}
     return SequenceFit(
         combine(summaries, time_models), summaries, records, time_models, "linear", (np.inf, 0.1), 3.0, rows
     )
@@ -150,6 +151,23 @@ def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
     assert "280 µas" in told
     assert "--telemetry" in told
     assert describe_joint_fit(joint_summary(made(rng, rows=rows._replace(unknown=0.01)))) == []
+
+
+def test_telemetry_that_does_not_move_the_image_as_the_frames_do_is_said(rng):
+    rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7, told=True)
+    (told,) = describe_joint_fit(joint_summary(made(rng, rows=rows)))
+    assert "280 µas" in told
+    assert "signs" in told
+
+
+@pytest.mark.parametrize(("odd", "said"), [((), False), ((3, 4), False), (tuple(range(15, 30)), True)])
+def test_frames_that_disagree_in_what_is_not_the_separation_are_said(rng, odd, said):
+    """Half of the frames of the other side of a meridian: what they share differs by 40 errors."""
+    fit = made(rng, aberrations=Constant(), turned=odd)
+    summary = joint_summary(fit)
+    assert summary["contradicting"] == 29 * said
+    assert summary["separation"]["chi2_dof"] < 2
+    assert any("29 frames contradict" in told for told in describe_joint_fit(summary)) == said
 
 
 def test_a_slope_is_that_of_the_summaries(rng):
