@@ -75,6 +75,10 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
         said = f"the frame has {sizes[0]} pixels and the maps of the detector {sizes[1]}: their first column"
         remedy = "cut them to the window of the frames if it begins elsewhere"
         raw = raw.with_metadata(raw.metadata.warn(f"{said} and row are taken for its own; {remedy}"))
+    if any(order != raw.metadata.row_order for order in instrument.detector.map_orders):
+        said = "of the frame and a map of the detector, one is from a file that begins with the top row"
+        remedy = "write ROWORDER (BOTTOM-UP or TOP-DOWN) into the map, as FITS"
+        raw = raw.with_metadata(raw.metadata.warn(f"{said}: {remedy}"))
     ny, nx = instrument.shape
     large = raw.shape[0] > ny or raw.shape[1] > nx
     if large:

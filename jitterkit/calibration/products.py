@@ -29,6 +29,8 @@ FILES = ("bias.fits", "read_noise.fits", "dark_current.fits", "flat.fits", BAD_P
 _DIGITS = 7
 """Significant digits of a number in the instrument file: more than anything is known to."""
 
+_ROWS = {"ROWORDER": ("BOTTOM-UP", "row index upwards, as frames are read")}
+
 _FILE_KEYS = {"pupil", "file", "bias", "read_noise", "dark_current", "flat", "bad_pixels"}
 """Keys of an instrument file whose texts are names of files beside it."""
 
@@ -92,7 +94,7 @@ def write_calibration(
         path, header = directory / f"{measured.name}.fits", _cards(measured, calibration)
         write_fits(path, _pixels(measured), header=header)
     bits = {name.upper(): (bit, f"bit of pixels that are {name}") for name, bit in FLAGS.items()}
-    write_fits(directory / BAD_PIXELS, calibration.bad, header=bits)
+    write_fits(directory / BAD_PIXELS, calibration.bad, header={**bits, **_ROWS})
     tables = _tables(instrument)
     tables["detector"] = {**tables.get("detector", {}), **_detector(calibration, full_well, gain)}
     text = toml_text(tables, "Written by jitterkit calibrate; files are looked for beside this one.")
@@ -116,6 +118,7 @@ def _cards(measured: MeasuredMap, calibration: Calibration) -> dict[str, Any]:
         "PIXERR": (measured.error, f"standard error of a typical pixel [{unit}]"),
         "SPREAD": (measured.true_spread, f"of the pixels, without the errors [{unit}]"),
         "GAINUSED": (calibration.gain, "e-/ADU"),
+        **_ROWS,
     }
 
 

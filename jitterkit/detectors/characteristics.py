@@ -195,6 +195,8 @@ class Characteristics:
     bad_bits : int, optional
         Sum of the bits of a quality plane (DQ, MASK) that mark a pixel as unusable, in place of the
         convention of the file's observatory.
+    map_orders : tuple of int
+        What became of the rows of maps whose files do not say their order: kept (1), turned over (-1).
 
     Raises
     ------
@@ -221,6 +223,7 @@ class Characteristics:
     line_time: float | None = None
     cosmic_rays: float | None = None
     bad_bits: int | None = None
+    map_orders: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         check_detector(vars(self))

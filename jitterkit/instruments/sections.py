@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 
 from jitterkit.detectors import Detector, detector_preset
-from jitterkit.detectors.characteristics import ONLY_MAPS
+from jitterkit.detectors.characteristics import MAPS, ONLY_MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import open_frames
 from jitterkit.frames.metadata import Sourced
@@ -109,7 +109,17 @@ def read_detector(section: Section, base: Detector) -> Detector:
     base = detector_preset(section.text("base")) if "base" in section else base
     fields = {key: read(section, key) for key, read in _READERS.items() if key in section}
     sources = {**base.sources, **{key: section.source(key) for key in fields}}
-    return replace(base, **fields, sources=sources)
+    return replace(base, **fields, sources=sources, map_orders=_map_orders(section))
+
+
+def _map_orders(section: Section) -> tuple[int, ...]:
+    """Return what became of the rows of the maps, as far as their files do not say ``ROWORDER``."""
+    orders = set()
+    for key in MAPS:
+        if isinstance(section.values.get(key), str):
+            with open_frames(section.path(key)) as frames:
+                orders |= {frames.metadata.row_order} if not frames.text("ROWORDER").strip() else set()
+    return tuple(sorted(orders))
 
 
 _UNITS = {"bias": "adu", "read_noise": "electron", "dark_current": "electron/s"}

@@ -34,6 +34,7 @@ def test_the_instrument_file_gives_back_what_was_measured(measured, tmp_path):
     assert (detector.bad_pixels == (found.bad != 0)).all()
     assert detector.nonlinearity == pytest.approx(found.transfer.linearity.in_electrons(found.gain)[0])
     assert detector.source("gain") == "instrument file detector.toml [detector] gain"
+    assert detector.map_orders == ()  # they say that they are on the rows of frames as these are read
 
 
 def test_a_frame_calibrated_by_the_file_is_the_light_that_fell(measured, tmp_path):

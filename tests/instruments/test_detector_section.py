@@ -1,14 +1,17 @@
 """The table [detector] of an instrument file: numbers, maps, and a detector to begin with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from astropy.io import fits
 from refusals import refused
 
+from jitterkit.batch.steps import calibrate
 from jitterkit.detectors import detector_preset
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
-from jitterkit.frames import RawFrame, write_fits, write_tiff
-from jitterkit.instruments import read_instrument
+from jitterkit.frames import Metadata, RawFrame, write_fits, write_tiff
+from jitterkit.instruments import load_instrument, read_instrument
 
 NUMBERS = """
 gain = 2.0
@@ -65,6 +68,28 @@ def test_maps_come_from_files_beside_the_toml_on_the_rows_of_the_frames(detector
     for name, values in maps.items():
         np.testing.assert_array_equal(getattr(found, name), values)
         assert found.source(name) == f"instrument file cam.toml [detector] {name}"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "rows", "frame_order", "doubted"),
+    [
+        (".fits", None, 1, False), (".fits", None, -1, True), (".fits", "BOTTOM-UP", -1, False),
+        (".fits", "TOP-DOWN", 1, False), (".tif", None, -1, False), (".tif", None, 1, True),
+    ],
+)  # fmt: skip
+def test_a_map_whose_first_row_may_be_the_frames_last_is_doubted(
+    detector, tmp_path, suffix, rows, frame_order, doubted
+):
+    """The first row of an array is the lowest in a FITS, and the top one in a TIFF, which is turned over."""
+    path = tmp_path / f"bad{suffix}"
+    if suffix == ".fits":
+        write_fits(path, np.eye(6, 8), header={} if rows is None else {"ROWORDER": rows})
+    else:
+        write_tiff(path, np.eye(6, 8, dtype=np.uint8))
+    camera = replace(load_instrument("smallsat"), detector=detector(f'bad_pixels = "{path.name}"'))
+    known = Metadata(row_order=frame_order)
+    frame = calibrate(RawFrame(np.arange(48.0).reshape(6, 8), metadata=known), camera)
+    assert any("top row" in said for said in frame.metadata.warnings) == doubted
 
 
 def test_what_has_no_number_in_a_map_is_bad(detector, tmp_path):
