@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _MAX_SWEPT = 2
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d]*)", re.ASCII)
+"""A number and its unit."""
+
+_LIKE = {"angle": "plate_scale", "time": "exposure"}
+"""Quantities of headers that have such units."""
 
 
 def parse_angle(text: str, option: str) -> float:
@@ -87,18 +94,21 @@ def parse_time(text: str, option: str) -> float:
 
 def _positive(text: str, option: str, unit: str, kind: str, example: str) -> float:
     """Return a quantity of some kind in ``unit``, from a number with any unit of the kind."""
-    from astropy import units
+    from astropy.units import Unit
 
-    code = ErrorCode.OUT_OF_RANGE
-    try:
-        value = units.Quantity(text).to_value(unit)
-    except TypeError:  # it does not begin with a number
-        code, value = ErrorCode.MALFORMED, 0.0
-    except ValueError:
-        code, value = ErrorCode.UNKNOWN_UNIT, 0.0
+    from jitterkit.frames.units import factor
+
+    code, value = ErrorCode.MALFORMED, 0.0
+    if (parts := _QUANTITY.fullmatch(text)) is not None:
+        code, value = ErrorCode.OUT_OF_RANGE, float(parts[1])
+        said = factor(_LIKE[kind], parts[2])  # in the words of headers, else as astropy has it
+        try:
+            value *= Unit(parts[2]).to(unit) if said is None else float(said)
+        except ValueError:
+            code, value = ErrorCode.UNKNOWN_UNIT, 0.0
     problem = f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
     refuse_if(not 0 < value < float("inf"), code, problem)
-    return float(value)
+    return value
 
 
 def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from jitterkit.cli import options
 from jitterkit.cli.forecast import _Setup
 from jitterkit.cli.main import app
-from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
+from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps, parse_time
 from jitterkit.errors import ErrorCode
 from jitterkit.instruments import load_instrument
 from jitterkit.report.table import read_table
@@ -152,7 +152,26 @@ def test_what_is_wrong_is_reported_in_a_sentence(arguments, code, values, check_
     check_error(runner.invoke(app, [*SMALL, *arguments]), code, *values)
 
 
+@pytest.mark.parametrize(
+    ("text", "arcsec"),
+    [
+        ('2"', 2.0), ("1e-3 arcsec", 1e-3), (".5mas", 5e-4), ("7 µas", 7e-6), ("1 milli-arcsec", 1e-3),
+        ("2 microarcsec", 2e-6), ("1 nrad", 648e-6 / np.pi), ("2 deg", 7200.0), ("1\u00b0", 3600.0),
+        *((text, ErrorCode.MALFORMED) for text in ("1 2 mas", "1,5mas", "mas")),
+        *((text, ErrorCode.UNKNOWN_UNIT) for text in ("1", "1as", "1nm", "1 mas/s")),
+        *((text, ErrorCode.OUT_OF_RANGE) for text in ("-1mas", "0 mas", "1e400mas")),
+    ],
+)  # fmt: skip
+def test_an_angle_is_one_number_and_its_unit(text, arcsec):
+    if isinstance(arcsec, ErrorCode):
+        with refused(arcsec, f"--target {text}"):
+            parse_angle(text, "--target")
+    else:
+        assert parse_angle(text, "--target") == pytest.approx(arcsec, rel=1e-12)
+
+
 def test_angles_and_shares_are_read_with_their_units():
+    assert parse_time("20 sec", "--budget") == 20.0
     assert parse_angle("3mas", "--target") == pytest.approx(3e-3)
     assert parse_allowed("5 %") == ("time", pytest.approx(0.05))
     assert parse_allowed("2uas") == ("bias", pytest.approx(2e-6))
