@@ -110,6 +110,8 @@ class FrameRecord:
         Value of the error code of a frame that is not ok; empty for one that is.
     dof : float
         Degrees of freedom of chi-squared.
+    exposure : float
+        s; NaN where unknown.
     """
 
     name: str
@@ -128,6 +130,7 @@ class FrameRecord:
     has_summary: bool = False
     reason: str = ""
     dof: float = float("nan")
+    exposure: float = float("nan")
 
     @classmethod
     def of(cls, name: str, time: float, fit: FitResult, own: tuple[str, ...], **more) -> FrameRecord:
@@ -159,7 +162,9 @@ class Records:
 
     def __init__(self, own: tuple[str, ...]) -> None:
         self.own = own
-        sizes: dict[str, Any] = dict.fromkeys(("time", "status", "has_summary", "chi2_dof", "dof"), ())
+        sizes: dict[str, Any] = dict.fromkeys(
+            ("time", "status", "has_summary", "chi2_dof", "dof", "exposure"), ()
+        )
         sizes |= {"values": len(own), "errors": len(own), "moments": 3, "moment_errors": 3}
         sizes |= {"position": 2, "velocity": 2, "stated": len(STATED)}
         self._columns, self._layout = tuple(sizes), np.dtype([(n, float, sizes[n]) for n in sizes])
@@ -231,6 +236,7 @@ def record_of(
     flags = dict.fromkeys((*frame.flags, *own_flags, *of_all, *["header_odd"] * bool(remark)))
     fit = replace(fit, flags=tuple(flags), message=f"{fit.message} {remark}".rstrip())
     more["stated"] = np.array([frame.metadata.value(name, math.nan) for name in STATED])
+    more["exposure"] = frame.exposure or math.nan
     if fit.parameters is not None and frame.plate_scale:
         scene, corner = fit.parameters.scene, np.array(frame.origin) * frame.plate_scale
         more["position"] = corner + np.array([float(scene.x), float(scene.y)])

@@ -104,7 +104,7 @@ def smear_allowed(moments, errors, velocity) -> float:
     return float(np.sqrt(12 * max(variance, 0.0)))
 
 
-def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
+def velocity_from_trace(trace, times, exposures) -> np.ndarray:
     """Return the velocity of the image during exposures, from a measured pointing.
 
     Parameters
@@ -113,8 +113,8 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
         Times in s, ascending, and pointing along x and y, arcsec.
     times : (n,) array
         Middles of the exposures on the trace's clock, s.
-    exposure : float
-        s.
+    exposures : (n,) array or float
+        Their lengths, s.
 
     Returns
     -------
@@ -127,13 +127,14 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
     ConfigurationError
         If the trace does not cover the exposures, or has a gap in one, or these have no length.
     """
-    if not exposure > 0:
+    times = np.asarray(times, float)
+    exposures = np.broadcast_to(np.asarray(exposures, float), times.shape)
+    if not np.all(exposures[np.isfinite(times)] > 0):
         problem = "The frames do not say how long they were exposed; give --exposure, in s."
         raise ConfigurationError(ErrorCode.MISSING_VALUE, problem)
     t, x, y = (np.asarray(v, float) for v in trace)
-    times = np.asarray(times, float)
-    begin, end = times - exposure / 2, times + exposure / 2
-    slack = 1e-6 * exposure
+    begin, end = times - exposures / 2, times + exposures / 2
+    slack = 1e-6 * np.nanmax(exposures)
     if np.nanmin(begin) < t[0] - slack or np.nanmax(end) > t[-1] + slack:
         raise ConfigurationError(
             ErrorCode.OUT_OF_RANGE,
@@ -147,15 +148,15 @@ def velocity_from_trace(trace, times, exposure: float) -> np.ndarray:
             found = "in which a frame is exposed; leave out the frame, or the telemetry"
             raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}, {found}.")
     ends = [np.interp(end, t, axis) - np.interp(begin, t, axis) for axis in (x, y)]
-    return np.nan_to_num(np.stack(ends, axis=1) / exposure)
+    return np.nan_to_num(np.stack(ends, axis=1) / exposures[:, None])
 
 
-def unexplained_by_trace(trace, times, positions, exposure: float) -> float:
+def unexplained_by_trace(trace, times, positions, exposures) -> float:
     """Return the velocity between frames that a measured pointing does not have.
 
     Parameters
     ----------
-    trace, times, exposure
+    trace, times, exposures
         As for :func:`velocity_from_trace`.
     positions : (n, 2) array
         Of the image in the frames, arcsec.
@@ -166,8 +167,8 @@ def unexplained_by_trace(trace, times, positions, exposure: float) -> float:
         rms of one component, arcsec/s; zero of one frame.
     """
     t, *axes = (np.asarray(v, float) for v in trace)
-    moments = np.asarray(times, float)[:, None] + exposure * (np.arange(33) - 16) / 33
-    pointing = np.stack([np.interp(moments, t, axis).mean(axis=1) for axis in axes], axis=1)
+    moments = np.linspace(-16 / 33, 16 / 33, 33)[:, None] * exposures + times
+    pointing = np.stack([np.interp(moments, t, axis).mean(axis=0) for axis in axes], axis=1)
     return float(np.sqrt(np.nanmean(velocity_between_frames(times, positions - pointing) ** 2)))
 
 
@@ -195,9 +196,9 @@ class Shutters:
 
     def of(self, frame: Frame, velocity: np.ndarray = STILL) -> Drifting | None:
         """Return the shutter of a frame; None where all rows were exposed at once, or are modelled so."""
-        self.exposure, self.line_time = frame.exposure or 0.0, frame.metadata.value("line_time", 0.0)
-        rolls = self.line_time and self.rolling
-        return Drifting(self.line_time, velocity, self._nodes) if rolls else None
+        line_time = frame.metadata.value("line_time", 0.0)
+        self.exposure, self.line_time = frame.exposure or 0.0, line_time or self.line_time
+        return Drifting(line_time, velocity, self._nodes) if line_time and self.rolling else None
 
     def velocities(self, records: Records) -> np.ndarray:
         """Return the velocity of the image in every frame (n, 2), arcsec/s; zero where unknown.
@@ -205,9 +206,10 @@ class Shutters:
         A frame whose own blur is too small for the motion between frames was at rest, and moved between the
         exposures.
         """
-        times = np.array([record.time for record in records])
+        times, exposures = np.array([(record.time, record.exposure) for record in records]).T
         if self.telemetry is not None:
-            velocities = velocity_from_trace(self.telemetry, times, self.exposure)
+            fitted = np.array([record.has_summary for record in records])
+            velocities = velocity_from_trace(self.telemetry, np.where(fitted, times, np.nan), exposures)
             self._check_telemetry(records, velocities)
         else:
             positions = np.array([record.position for record in records])
@@ -225,7 +227,7 @@ class Shutters:
         """Return which frames (n,) have a blur too small for a velocity."""
         pairs = zip(records, velocities, strict=True)
         allowed = np.array([smear_allowed(r.moments, r.moment_errors, v) for r, v in pairs])
-        return np.hypot(*velocities.T) * self.exposure > allowed
+        return np.hypot(*velocities.T) * [record.exposure for record in records] > allowed
 
     def _check_telemetry(self, records: Records, velocities: np.ndarray) -> None:
         """Raise if most of the frames contradict the telemetry."""
@@ -245,7 +247,8 @@ class Shutters:
         unknown, told = 0.0, self.telemetry is not None
         times, positions = zip(*((record.time, record.position) for record in records), strict=True)
         if self.rolling and told:
-            unknown = unexplained_by_trace(self.telemetry, times, positions, self.exposure)
+            exposures = [record.exposure for record in records]
+            unknown = unexplained_by_trace(self.telemetry, times, positions, exposures)
         elif self.rolling:
             unknown = max(motion_unknown(times, positions), self._excluded_speed)
         leverage = abs(self.line_time * separation) / self.grid.plate_scale

@@ -312,6 +312,18 @@ def test_steps_between_exposures_are_not_motion_within_them(optics):
     assert fit.rows.unknown > 1
 
 
+def test_a_long_exposure_at_the_end_does_not_exclude_the_motion_of_short_ones(optics):
+    speed, times = 5.0, np.array([0.05, 0.15, 0.25, 0.35, 0.9])  # arcsec/s; the last is exposed for 1 s
+    made = []
+    for time, exposure in zip(times, [STEP] * 4 + [10 * STEP], strict=True):
+        locus = {"loci": [Linear.of(speed * exposure, 90.0)], "scenes": {"y": [speed * (time - 0.5)]}}
+        (one,) = exposures(optics, 1, None, velocity=np.array([0.0, speed]), line_time=1e-4, **locus)
+        made.append(one._replace(time=time, frame=one.frame.with_fields(exposure=exposure)))
+    fit = refit_sequence(made, FrameFitter(optics, "linear"))
+    assert np.allclose([r.velocity[1] for r in fit.records], speed, atol=5e-3)
+    assert fit.separation[0] == pytest.approx(5.0, abs=1e-5)
+
+
 def test_a_streak_too_short_to_see_loses_no_frame(optics, rng):
     fit = refit_sequence(
         exposures(optics, 12, rng, loci=[Linear.of(0.0)] * 12), FrameFitter(optics, "linear")

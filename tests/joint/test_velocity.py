@@ -51,6 +51,14 @@ def test_telemetry_is_averaged_over_each_exposure():
     assert np.array_equal(found[1], [0.0, 0.0])
 
 
+def test_each_exposure_has_its_own_length():
+    t = np.linspace(0, 2, 2001)
+    found = velocity_from_trace((t, np.sin(2 * np.pi * t), 0 * t), [1.0, 1.0], [0.5, 1.0])
+    assert np.allclose(
+        found[:, 0], [4.0, 0.0], atol=1e-3
+    )  # sin(pi/2) - sin(-pi/2) in half a period; none in one
+
+
 def test_telemetry_with_a_gap_in_an_exposure_is_refused():
     t = np.linspace(0, 1, 1001)
     t = t[(t < 0.4005) | (t > 0.5995)]
