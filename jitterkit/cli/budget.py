@@ -10,7 +10,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.quantities import parse_angle, parse_number
+from jitterkit.cli.quantities import named, parse_angle, parse_number
 from jitterkit.cli.runtime import log, open_instrument, print_table
 
 _USUAL = 0.15
@@ -76,8 +76,7 @@ def budget(
 def _sizes(texts: list[str]) -> dict[str, float]:
     """Return sizes by the names of effects."""
     sizes = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        problem = f"--effect {text} is not understood; write plate_scale=1e-6."
-        sizes[name.strip()] = parse_number(value, lambda size: 0 < size < math.inf, problem)
+    for name, value in named(texts, "--effect"):
+        problem = f"--effect {name}={value} has no positive size; write plate_scale=1e-6."
+        sizes[name] = parse_number(value, lambda size: 0 < size < math.inf, problem)
     return sizes

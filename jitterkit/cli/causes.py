@@ -11,7 +11,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
-from jitterkit.cli.quantities import parse_angle, parse_number, parse_share
+from jitterkit.cli.quantities import named, parse_angle, parse_number, parse_share
 from jitterkit.cli.runtime import open_instrument, print_table
 from jitterkit.errors import ErrorCode, refuse_if
 
@@ -115,12 +115,11 @@ def _sigma(text: str, plate_scale: float) -> float:
 def _aberrations(texts: list[str], names: tuple[str, ...]) -> tuple[float, ...]:
     """Return all aberrations of the optics [nm], with those that are given as ``noll4=30``."""
     values = dict.fromkeys(names, 0.0)
-    for text in texts:
-        name, _, value = text.partition("=")
-        name, known = name.strip(), f"there are {', '.join(names)}" if names else "a measured PSF has none"
+    for name, value in named(texts, "--aberration"):
+        known = f"there are {', '.join(names)}" if names else "a measured PSF has none"
         problem = f"The optics have no aberration {name!r}; {known}."
         refuse_if(name not in values, ErrorCode.UNKNOWN_NAME, problem)
-        problem = f"--aberration {text} is not understood; write noll4=30."
+        problem = f"--aberration {name}={value} is not understood; write noll4=30."
         values[name] = parse_number(value, math.isfinite, problem)
     return tuple(values.values())
 

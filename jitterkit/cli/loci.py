@@ -9,11 +9,12 @@ from __future__ import annotations
 import ast
 import functools
 import inspect
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
 import jitterkit
+from jitterkit.cli.quantities import named
 from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
@@ -49,21 +50,20 @@ def _built_from(name: str, classes: dict[str, ast.ClassDef]) -> list[str]:
     return _built_from(ast.unparse(classes[name].bases[0]), classes)
 
 
-def parse_sizes(settings: list[str]) -> dict[str, Any]:
+def parse_sizes(settings: list[str], others: Collection[str] = ()) -> dict[str, Any]:
     """Return sizes by name from ``name=value``, or ``name=x:y,x:y,...`` for positions.
 
     Raises
     ------
     ConfigurationError
-        If one is neither.
+        If one is neither, or is given twice, or is among the ``others`` that have options.
     """
     sizes: dict[str, Any] = {}
-    for setting in settings:
-        name, _, value = setting.partition("=")
+    for name, value in named(settings, "--set", others):
         try:
-            sizes[name.strip()] = _positions(value) if ":" in value else float(value)
+            sizes[name] = _positions(value) if ":" in value else float(value)
         except ValueError:
-            problem = f"--set {setting} is not understood"
+            problem = f"--set {name}={value} is not understood"
             remedy = "write a number, --set cycles=0.7, or positions in arcsec, --set knots=0:0,0.2:0.1"
             raise ConfigurationError(ErrorCode.MALFORMED, f"{problem}; {remedy}.") from None
     return sizes

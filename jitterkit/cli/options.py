@@ -132,7 +132,8 @@ class Jitter:
     def size_values(self) -> dict[str, Any]:
         """Return the sizes that were given, by name."""
         own = {"length": self.length, "sigma_major": self.sigma, "shear": self.shear, "angle": self.angle}
-        return {name: size for name, size in own.items() if size is not None} | parse_sizes(self.sizes or [])
+        given = {name: size for name, size in own.items() if size is not None}
+        return given | parse_sizes(self.sizes or [], given)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Iterator
 
 from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
@@ -111,6 +111,23 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
     return value
 
 
+def named(texts: Iterable[str], option: str, others: Collection[str] = ()) -> Iterator[tuple[str, str]]:
+    """Yield name and words of each ``name=words``; the words are empty where there is no equals sign.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name is given twice, or is among ``others``, which were given otherwise.
+    """
+    given = set(others)
+    for text in texts:
+        name, _, words = map(str.strip, text.partition("="))
+        problem = f"{option} {text}: {name} is given twice; give it once."
+        refuse_if(name in given, ErrorCode.DUPLICATE, problem)
+        given.add(name)
+        yield name, words
+
+
 def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     """Return values by name from ``name=from:to:count``, ``name=from:to:count:log`` or ``name=a,b,c``.
 
@@ -125,15 +142,12 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     problem = f"{len(texts)} settings are swept; a table and a figure take two, --sweep twice."
     refuse_if(len(texts) > _MAX_SWEPT, ErrorCode.TOO_MANY, problem)
     sweeps: dict[str, list[float]] = {}
-    for text in texts:
-        name, _, values = text.partition("=")
-        problem = f"{name.strip()} is swept twice; give all its values in one --sweep."
-        refuse_if(name.strip() in sweeps, ErrorCode.DUPLICATE, problem)
+    for name, values in named(texts, "--sweep"):
         try:
-            sweeps[name.strip()] = _values(values)
+            sweeps[name] = _values(values)
         except (ValueError, OverflowError):
             form = "--sweep length=0.05:0.75:15 (from, to, how many; with :log at the end for equal ratios)"
-            problem = f"--sweep {text} is not understood; write {form}, or --sweep angle=0,45,90."
+            problem = f"--sweep {name}={values} is not understood; write {form}, or --sweep angle=0,45,90."
             raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     return sweeps
 

@@ -10,6 +10,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import locus_sizes
 from jitterkit.cli.progress import progress_bar
+from jitterkit.cli.quantities import named
 from jitterkit.cli.runtime import SOME_FAILED, command_line, log, open_instrument, write_picture
 from jitterkit.errors import ErrorCode, refuse_if
 
@@ -122,11 +123,10 @@ def _time_models(texts: list[str]) -> dict[str, Any]:
     from jitterkit.joint import parse_time_model
 
     time_models = {}
-    for text in texts:
-        name, equals, words = text.partition("=")
-        problem = f"--law {text!r} is not NAME=LAW; write, for example, aberrations=constant."
-        refuse_if(not equals, ErrorCode.MALFORMED, problem)
-        time_models[name.strip()] = parse_time_model(words.strip())
+    for name, words in named(texts, "--law"):
+        problem = f"--law {name!r} is not NAME=LAW; write, for example, aberrations=constant."
+        refuse_if(not words, ErrorCode.MALFORMED, problem)
+        time_models[name] = parse_time_model(words)
     return time_models
 
 

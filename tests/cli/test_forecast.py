@@ -170,6 +170,19 @@ def test_an_angle_is_one_number_and_its_unit(text, arcsec):
         assert parse_angle(text, "--target") == pytest.approx(arcsec, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["budget", "--effect", "flat=0.01", "--effect", "flat=0.02"], "--effect flat=0.02: flat"),
+        (["causes", "--aberration", "noll7=1", "--aberration", "noll7=2"], "--aberration noll7=2: noll7"),
+        (["forecast", "--locus", "linear", "--length", "1", "--set", "length=2"], "--set length=2: length"),
+        (["forecast", "--locus", "partial", "--set", "cycles=1", "--set", " cycles=2"], "cycles=2: cycles"),
+    ],
+)  # fmt: skip
+def test_a_size_that_is_given_twice_is_refused(arguments, named, check_error):
+    check_error(runner.invoke(app, [*arguments, "-i", "plain"]), ErrorCode.DUPLICATE, named)
+
+
 def test_angles_and_shares_are_read_with_their_units():
     assert parse_time("20 sec", "--budget") == 20.0
     assert parse_angle("3mas", "--target") == pytest.approx(3e-3)

@@ -110,6 +110,11 @@ def test_results_are_not_replaced_unasked(night, fitted, check_error):
         (["--law", "separation"], ErrorCode.MALFORMED, ["--law", "'separation'"]),
         (["--law", "separation=never"], ErrorCode.MALFORMED, ["'never'", "constant", "wander"]),
         (["--law", "flux=constant"], ErrorCode.UNKNOWN_NAME, ["'flux'", "separation"]),
+        (
+            ["--law", "theta=constant", "--law", "theta=wander"],
+            ErrorCode.DUPLICATE,
+            ["theta=wander", "theta"],
+        ),
         (["--diffusion"], ErrorCode.NOT_CONSTRAINED, ["'mvn'", "linear"]),
         (["--telemetry", "nothing.csv"], ErrorCode.NOT_FOUND, ["nothing.csv"]),
         (
