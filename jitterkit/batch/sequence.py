@@ -93,7 +93,7 @@ class FileExposures:
                         yield self._exposure(file[index], clock, known)
             except FrameError as error:
                 name = path.name if index == 0 else f"{path.name}[{index}]"
-                yield Exposure(name, clock.lost(), None, FitResult.from_error(Status.UNREADABLE, error))
+                yield Exposure(name, clock.lost(path), None, FitResult.from_error(Status.UNREADABLE, error))
 
     @cached_property
     def optics(self) -> Optics:
@@ -123,7 +123,7 @@ class FileExposures:
             self.overlap, self.unbroken = clock.overlap, clock.unbroken
         except JitterkitError as error:
             result = status_from_exception(error, None, self.processor.plate_scale)
-            return Exposure(raw.name, clock.lost(), None, result)
+            return Exposure(raw.name, clock.lost(raw.path), None, result)
         if optics is self.optics:
             return Exposure(raw.name, when, frame)
         message = f"{Status.MISMATCH.value}: its pixels or its plate scale are not those of the first frame."
@@ -178,9 +178,11 @@ class _Clock:
     def _reads_times(self) -> bool:
         return self._cadence is None and bool(self._times)
 
-    def lost(self) -> float:
+    def lost(self, path: Path | None) -> float:
         """Return the time of a frame of which nothing is known; its place in the sequence counts."""
         self._count += 1
+        if self._zero is None and path is not None:
+            self._zero = self._times.get(path)
         return math.nan
 
     def middle(self, frame: Frame, after: int | None) -> float:

@@ -7,6 +7,7 @@ import pytest
 from astropy.io import fits
 
 from jitterkit.batch import FileExposures
+from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import Frame, write_tiff
 from jitterkit.refit import Status
 
@@ -122,6 +123,21 @@ def test_the_mean_time_of_an_exposure_is_its_middle(write, tmp_path):
     write("b.fits", seconds=2.0)
     _, frames = gone_over(tmp_path)
     np.testing.assert_allclose([e.time for e in frames], [0.25, 1.25], atol=1e-9)
+
+
+def test_zero_is_the_beginning_of_a_first_exposure_that_is_of_no_use(write, tmp_path, monkeypatch):
+    """Telemetry counts from it, whether it can be calibrated or not."""
+
+    def calibrate(self, raw, usual=Plain.calibrate):
+        if raw.name == "f0.fits":
+            raise FrameError(ErrorCode.WRONG_INSTRUMENT, raw.path, "is of another camera", "leave it out")
+        return usual(self, raw)
+
+    monkeypatch.setattr(Plain, "calibrate", calibrate)
+    for number in range(3):
+        write(f"f{number}.fits", 1.0 + number)
+    _, frames = gone_over(tmp_path)
+    np.testing.assert_allclose([e.time for e in frames], [np.nan, 1.25, 2.25])
 
 
 def test_a_duplicate_is_passed_on_without_pixels_and_takes_no_time(write, tmp_path):
