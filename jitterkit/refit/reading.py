@@ -23,6 +23,9 @@ OF_A_PAIR, _SAME = ("separation", "theta", "contrast"), 0.1
 _SIZED = 3.0
 """Standard errors of the total variance from which a jitter has a size, as its evidence takes for granted."""
 
+_SHOWN = 4.0
+"""Standard errors of its contrast from which the companion of a pair is seen."""
+
 _STRAIGHT, _THIN = 4.0, 1e-3
 """Standard errors of the minor variance within which a blur may have no width, and its share of the major: a
 fit with a straight locus has no error there."""
@@ -82,6 +85,12 @@ def needs_more(star: FitResult, normal: FitResult) -> bool:
     """Return whether one star needs more than a simple locus, or a pair more than a normal."""
     simple = star.status is Status.OK and not is_intricate(star.locus)
     return normal.parameters is not None and (not simple or normal.status is not Status.OK)
+
+
+def shows_companion(pair: FitResult) -> bool:
+    """Return whether the contrast of a pair is known well enough for its companion to be seen."""
+    known = pair.parameters is not None and "contrast" in pair.names
+    return known and pair.of_scene("contrast") > _SHOWN * pair.error("contrast")
 
 
 def is_straight(moments: np.ndarray, covariance: np.ndarray) -> bool:

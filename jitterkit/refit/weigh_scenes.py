@@ -28,6 +28,7 @@ from jitterkit.refit.reading import (
     is_same_maximum,
     is_straight,
     needs_more,
+    shows_companion,
 )
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.scene_choice import DECIDED, SceneChoice, SceneEvidence
@@ -87,7 +88,7 @@ class Weighing:
         rival = min([p.deviance_dof * self.pixels for p in pairs if not _is_split(p)], default=math.inf)
         one = best_reading(self.readings_of_star(star, rival))
         # one pair at least, for its evidence
-        near = [pair for pair in pairs if not self.is_worse(pair, one.fit)] or pairs[-1:]
+        near = [pair for pair in pairs if not self.is_worse(pair, one)] or pairs[-1:]
         normals = self.normals(near)
         of_pairs = self.readings_of_pairs(normals, one)
         two = best_reading(of_pairs)
@@ -116,14 +117,14 @@ class Weighing:
 
         Then the image decides nothing.  A pair without jitter may look like any star, and a pair with jitter
         like a star whose jitter is not simple.  It may have no evidence, where its separation is hardly
-        determined.  Of a star that is chosen, only pairs closer than the resolution count: one with a
-        companion too faint to be seen fits as well at any separation.
+        determined.  Of a star that is chosen, only pairs count that are closer than the resolution or whose
+        companion is seen: one that is too faint fits as well at any separation.
         """
         other = pair if chosen is star else star
         as_well = other.fit.objective < chosen.fit.objective + _ALIKE
         may_be_either = other.fit.locus == "stable" or is_intricate(star.fit.locus)
-        is_blend = chosen is pair or pair.fit.of_scene("separation") < self.fineness
-        return bool(is_blend and as_well and may_be_either)
+        is_close = chosen is pair or pair.fit.of_scene("separation") < self.fineness
+        return bool((is_close or shows_companion(pair.fit)) and as_well and may_be_either)
 
     def normals(self, pairs: list[Start]) -> list[FittedPair]:
         """Fit pairs with a normal blur; of those that end at one maximum, the first."""
@@ -145,10 +146,11 @@ class Weighing:
             readings += [replace(reading, normal=pair.normal) for reading in of_pair]
         return readings
 
-    def is_worse(self, pair: Start, star: FitResult) -> bool:
-        """Return whether a pair was fitted that cannot come as near to a frame as one star does."""
-        fitted = star.status is Status.OK and not _is_split(pair)
-        return fitted and pair.deviance_dof > star.objective / self.pixels + _WORSE
+    def is_worse(self, pair: Start, star: Reading) -> bool:
+        """Return whether a pair was fitted that no straight blur brings as near to a frame as one star."""
+        fitted = star.fit.status is Status.OK and not _is_split(pair)
+        alike = is_intricate(star.fit.locus) and pair.deviance_dof < star.start.deviance_dof
+        return fitted and not alike and pair.deviance_dof > star.fit.objective / self.pixels + _WORSE
 
     def evidence(self, one: Reading, two: Reading) -> SceneEvidence | None:
         """Return a frame's evidence for one star and for a pair, without their priors."""

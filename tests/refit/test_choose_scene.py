@@ -12,7 +12,7 @@ from jitterkit.batch import FrameProcessor
 from jitterkit.forward import Parameters
 from jitterkit.instruments import load_instrument
 from jitterkit.likelihood import Data
-from jitterkit.locate import locate_binary
+from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus, weigh_scenes
 from jitterkit.refit.choose_scene import _Frame
@@ -93,21 +93,23 @@ def test_a_star_that_dwells_at_two_places_of_a_walk_is_not_a_pair_for_certain(ch
 
 
 @pytest.mark.parametrize(
-    ("of_star", "of_pair", "separation", "worse", "chosen", "alike"),
+    ("of_star", "of_pair", "separation", "error", "worse", "chosen", "alike"),
     [
-        ("path", "mvn", 0.5, 8.0, "star", True),
-        ("smear", "mvn", 0.5, -2.0, "star", True),
-        ("linear", "stable", 0.5, 8.0, "star", True),
-        ("linear", "mvn", 0.5, -2.0, "star", False),  # a freer jitter fits as well in any case
-        ("path", "mvn", 0.5, 10.0, "star", False),
-        ("path", "mvn", 1.5, 8.0, "star", False),  # B may be too faint to be seen
-        ("path", "mvn", 1.5, -8.0, "pair", True),
-        ("path", "mvn", 0.5, -10.0, "pair", False),
-        ("linear", "mvn", 0.5, -8.0, "pair", False),
+        ("path", "mvn", 0.5, None, 8.0, "star", True),
+        ("smear", "mvn", 0.5, None, -2.0, "star", True),
+        ("linear", "stable", 0.5, None, 8.0, "star", True),
+        ("linear", "mvn", 0.5, None, -2.0, "star", False),  # a freer jitter fits as well in any case
+        ("path", "mvn", 0.5, None, 10.0, "star", False),
+        ("path", "mvn", 1.5, None, 8.0, "star", False),
+        ("path", "mvn", 1.5, 0.6, 8.0, "star", False),  # B may be too faint to be seen
+        ("path", "mvn", 1.5, 0.4, 8.0, "star", True),  # moments were 44 errors off, without a flag
+        ("path", "mvn", 1.5, None, -8.0, "pair", True),
+        ("path", "mvn", 0.5, None, -10.0, "pair", False),
+        ("linear", "mvn", 0.5, None, -8.0, "pair", False),
     ],
 )
 def test_a_close_pair_that_fits_as_well_looks_like_an_intricate_star_though_it_has_no_evidence(
-    of_star, of_pair, separation, worse, chosen, alike, bench
+    of_star, of_pair, separation, error, worse, chosen, alike, bench
 ):
     """Of pairs at half a resolution two of eight were a star on a path: the pair's errors were infinite."""
     weighing = Weighing(None, bench.optics, FitOptions(), False)
@@ -117,8 +119,28 @@ def test_a_close_pair_that_fits_as_well_looks_like_an_intricate_star_though_it_h
         FitResult(Status.OK, "", parameters=one, locus=locus, objective=objective)
         for one, locus, objective in zip(shown, (of_star, of_pair), (4000.0, 4000.0 + worse), strict=True)
     ]
+    if error is not None:
+        fits[1] = replace(fits[1], names=("contrast",), covariance=np.array([[error**2]]))
     star, two = Reading(None, fits[0], -2000.0), Reading(None, fits[1], -math.inf)
     assert weighing.look_alike(star, two, star if chosen == "star" else two) == alike
+
+
+@pytest.mark.parametrize(
+    ("locus", "of_pair", "of_star", "worse"),
+    [
+        ("path", 2.3, 3.0, False),  # a vibrating pair 1.8 resolutions apart: 1.0 with its own blur
+        ("path", 3.1, 3.0, True),
+        ("shm", 2.3, 3.0, True),  # a simple blur of one star describes the frame
+        ("shm", 1.3, 3.0, False),
+    ],
+)
+def test_a_pair_with_a_normal_blur_is_held_against_one_star_with_one(locus, of_pair, of_star, worse, bench):
+    """The right pair was dropped for one star on a path, with moments 83 errors off and status ok."""
+    weighing = Weighing(Data(np.ones((40, 50)), 1.0), bench.optics, FitOptions(), False)
+    truth = Parameters(Binary(1.0, 30.0, 0.0, 0.0, 1e5, 2.0), Mvn.of(0.1), (4.0, -3.0))
+    pair = Start(truth, bench.optics.nominal, of_pair, np.eye(1), ("separation",))
+    star = FitResult(Status.OK, "", parameters=truth, locus=locus, objective=1.08 * 2000)
+    assert weighing.is_worse(pair, Reading(replace(pair, deviance_dof=of_star), star, -1000.0)) == worse
 
 
 def aberrated(scene, locus, rng, name="toliman", rms=8.0):
