@@ -23,6 +23,7 @@ import numpy as np
 from jitterkit.batch.diagnose import diagnose, unusable
 from jitterkit.batch.records import SceneEstimate
 from jitterkit.batch.warm_start import AUTO, SCORE, WarmStart
+from jitterkit.detectors.misplaced import misplaced
 from jitterkit.estimators import KernelEstimate, estimator
 from jitterkit.frames import Frame, RawFrame
 from jitterkit.frames.altered import without_border
@@ -69,16 +70,7 @@ def calibrate(raw: RawFrame, instrument: Instrument, overrides: Mapping[str, Any
     """
     digest = raw.digest
     raw = with_cut_off(without_border(resolve(raw, instrument, overrides or {})))
-    whole = instrument.detector.map_shape
-    if whole is not None and whole != raw.shape:
-        sizes = [f"{nx} x {ny}" for ny, nx in (raw.shape, whole)]
-        said = f"the frame has {sizes[0]} pixels and the maps of the detector {sizes[1]}: their first column"
-        remedy = "cut them to the window of the frames if it begins elsewhere"
-        raw = raw.with_metadata(raw.metadata.warn(f"{said} and row are taken for its own; {remedy}"))
-    if any(order != raw.metadata.row_order for order in instrument.detector.map_orders):
-        said = "of the frame and a map of the detector, one is from a file that begins with the top row"
-        remedy = "write ROWORDER (BOTTOM-UP or TOP-DOWN) into the map, as FITS"
-        raw = raw.with_metadata(raw.metadata.warn(f"{said}: {remedy}"))
+    raw = raw.with_metadata(raw.metadata.warn(*misplaced(raw, instrument.detector)))
     ny, nx = instrument.shape
     large = raw.shape[0] > ny or raw.shape[1] > nx
     if large:

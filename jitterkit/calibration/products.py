@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
@@ -69,6 +69,7 @@ def write_calibration(
     *,
     full_well: float | None = None,
     gain: float | None = None,
+    cards: Mapping[str, str] | None = None,
 ) -> None:
     """Write maps as FITS and the instrument file that names them.
 
@@ -84,17 +85,20 @@ def write_calibration(
         e-, of that instrument; a law of non-linearity must hold up to it, or only to the brightest level.
     gain : float, optional
         e-/ADU, of that instrument; another one, by which electrons were counted here, is written.
+    cards : mapping, optional
+        What the frames' headers say of the part of the detector that they are; the maps say it too.
 
     Notes
     -----
     A map that knows its pixels worse than they differ is written, but the instrument file takes the number.
     Errors of a typical pixel are in the headers.
     """
+    placed = {**_ROWS, **(cards or {})}
     for measured in calibration.maps:
         path, header = directory / f"{measured.name}.fits", _cards(measured, calibration)
-        write_fits(path, _pixels(measured), header=header)
+        write_fits(path, _pixels(measured), header={**header, **placed})
     bits = {name.upper(): (bit, f"bit of pixels that are {name}") for name, bit in FLAGS.items()}
-    write_fits(directory / BAD_PIXELS, calibration.bad, header={**bits, **_ROWS})
+    write_fits(directory / BAD_PIXELS, calibration.bad, header={**bits, **placed})
     tables = _tables(instrument)
     tables["detector"] = {**tables.get("detector", {}), **_detector(calibration, full_well, gain)}
     text = toml_text(tables, "Written by jitterkit calibrate; files are looked for beside this one.")
@@ -118,7 +122,6 @@ def _cards(measured: MeasuredMap, calibration: Calibration) -> dict[str, Any]:
         "PIXERR": (measured.error, f"standard error of a typical pixel [{unit}]"),
         "SPREAD": (measured.true_spread, f"of the pixels, without the errors [{unit}]"),
         "GAINUSED": (calibration.gain, "e-/ADU"),
-        **_ROWS,
     }
 
 

@@ -16,6 +16,7 @@ from jitterkit.calibration.stack import Shot, Stack, look
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import FrameFile, RawFrame, find_files, open_frames
 from jitterkit.frames.reader import Duplicates
+from jitterkit.frames.window import WINDOW_CARDS
 
 _SAME_EXPOSURE = 1e-6
 """Relative; exposures nearer than that are one."""
@@ -138,7 +139,7 @@ _UNEXPOSED = 1.0
 
 SETTINGS = (
     "INSTRUME", "DETNAM", "XBINNING", "YBINNING", "CCDSUM", "BINNING", "GAIN", "OFFSET", "BLKLEVEL",
-    "READOUTM", "READMODE", "RDMODE",
+    "READOUTM", "READMODE", "RDMODE", *WINDOW_CARDS,
 )  # fmt: skip
 """Cards that are alike in frames of one camera at one setting."""
 
@@ -196,4 +197,4 @@ def _unlike(one: str, other: str) -> bool:
         a, b = float(one), float(other)
     except ValueError:
         return one != other
-    return abs(a - b) > 1e-3 * max(abs(a), abs(b))
+    return abs(a - b) > (0 if a.is_integer() and b.is_integer() else 1e-3) * max(abs(a), abs(b))

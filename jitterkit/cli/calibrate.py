@@ -72,6 +72,7 @@ def calibrate(
     from jitterkit.calibration import Settings, open_stacks
     from jitterkit.calibration import calibrate as measure
     from jitterkit.calibration.products import FILES
+    from jitterkit.frames.window import WINDOW_CARDS
     from jitterkit.instruments import load_instrument
     from jitterkit.report.calibration_table import calibration_rows, calibration_sentences, stack_sentences
     from jitterkit.report.outputs import check_directory
@@ -90,7 +91,9 @@ def calibrate(
     for sentence in filter(None, said):
         log(sentence)
     typer.echo("\n".join(aligned(_cells(*row) for row in calibration_rows(calibration))))
-    _write_outputs(calibration, output, instrument, telescope.detector)
+    shots = [shot for stack in stacks for shot in stack.shots]
+    cards = {card: said for shot in shots for card, said in shot.settings.items() if card in WINDOW_CARDS}
+    _write_outputs(calibration, output, instrument, telescope.detector, cards)
     log(f"wrote {output}; use it by -i {output / 'detector.toml'}")
 
 
@@ -128,7 +131,9 @@ def _cells(name: str, value: float, error: float, unit: str) -> tuple[str, str, 
     return name, number(value, 5) if math.isnan(error) else with_error(value, error), unit
 
 
-def _write_outputs(calibration: Calibration, output: Path, instrument: str, detector: Detector) -> None:
+def _write_outputs(
+    calibration: Calibration, output: Path, instrument: str, detector: Detector, cards: dict[str, str]
+) -> None:
     """Write all files or none; read the instrument file once before the others are kept."""
     from jitterkit.calibration import together, write_calibration
     from jitterkit.calibration.products import DETECTOR
@@ -140,7 +145,7 @@ def _write_outputs(calibration: Calibration, output: Path, instrument: str, dete
 
     with together(output) as directory:
         known = {"full_well": detector.full_well, "gain": detector.gain}
-        write_calibration(calibration, directory, instrument, **known)
+        write_calibration(calibration, directory, instrument, **known, cards=cards)
         write_table(directory / _LEVELS, levels_table(calibration, command_line()))
         (directory / _PICTURE).write_bytes(png(plot_calibration(calibration)[0], dpi=150))
         load_instrument(directory / DETECTOR)

@@ -16,6 +16,7 @@ import numpy as np
 from jitterkit.detectors.response import BORDER, LIMIT, turning_point
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames.metadata import QUANTITIES, Quantity
+from jitterkit.frames.window import Window
 
 FULL_WELL = Quantity("e-", 0.0, 1e9, zero_allowed=False)
 BITS = range(1, 33)
@@ -197,6 +198,8 @@ class Characteristics:
         convention of the file's observatory.
     map_orders : tuple of int
         What became of the rows of maps whose files do not say their order: kept (1), turned over (-1).
+    map_windows : mapping
+        What the files of maps say of the part of the detector that they are, by the name of the map.
 
     Raises
     ------
@@ -224,6 +227,7 @@ class Characteristics:
     cosmic_rays: float | None = None
     bad_bits: int | None = None
     map_orders: tuple[int, ...] = ()
+    map_windows: Mapping[str, Window] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_detector(vars(self))

@@ -24,6 +24,7 @@ from jitterkit.frames.metadata import Metadata, Sourced
 from jitterkit.frames.scale import resolve_scale
 from jitterkit.frames.times import resolve_time
 from jitterkit.frames.units import COUNTS, RATES, resolve_unit
+from jitterkit.frames.window import window_of
 
 #: Beyond these a GAIN without a unit is a setting: detectors have 0.01 to 30 e-/ADU.
 PLAUSIBLE_GAIN = (0.01, 30.0)
@@ -178,6 +179,7 @@ def resolve(cards: Cards, wcs: Any = None, unit: Sourced | None = None) -> Metad
         time=resolve_time(cards),
         unit=unit,
         wcs=wcs,
+        window=window_of(cards),
     )
     found = doubts(cards, known)  # which may add to the cards' warnings too
     return known.warn(*cards.warnings, *found)

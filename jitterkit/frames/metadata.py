@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -165,6 +165,9 @@ class Metadata:
     row_order : {1, -1, 0}
         What became of the file's rows: kept in their order (1), turned over (-1: a TIFF stores its top row
         first), or made into columns (0).
+    window : mapping
+        What the header says of the part of the detector that the image is: see
+        :mod:`jitterkit.frames.window`.
     """
 
     exposure: Sourced | None = None
@@ -183,6 +186,7 @@ class Metadata:
     wcs: Any = None
     warnings: tuple[str, ...] = ()
     row_order: int = 1
+    window: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def override(self, source: str, **values: Any) -> Metadata:
         """Return a copy in which the given values replace what was known.
@@ -282,4 +286,6 @@ class Metadata:
         return [*rows, ("wcs", axes or "unknown", "", "header" if axes else "")]
 
 
-FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in ("wcs", "warnings", "row_order"))
+_OTHERS = ("wcs", "warnings", "row_order", "window")
+
+FIELDS = tuple(f.name for f in fields(Metadata) if f.name not in _OTHERS)

@@ -74,7 +74,7 @@ def describe_instrument(instrument: Instrument) -> list[Row]:
 
 def describe_detector(detector: Detector) -> list[Row]:
     """Return ``(name, value, unit, source)`` of a detector, as text; a map by its size and median."""
-    names = [f.name for f in fields(Detector) if f.name not in ("sources", "map_orders")]
+    names = [f.name for f in fields(Detector) if f.name not in ("sources", "map_orders", "map_windows")]
     return [_row(name, getattr(detector, name), detector.source(name)) for name in names]
 
 

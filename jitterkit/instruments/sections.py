@@ -109,17 +109,18 @@ def read_detector(section: Section, base: Detector) -> Detector:
     base = detector_preset(section.text("base")) if "base" in section else base
     fields = {key: read(section, key) for key, read in _READERS.items() if key in section}
     sources = {**base.sources, **{key: section.source(key) for key in fields}}
-    return replace(base, **fields, sources=sources, map_orders=_map_orders(section))
+    return replace(base, **fields, sources=sources, **_placed_maps(section))
 
 
-def _map_orders(section: Section) -> tuple[int, ...]:
-    """Return what became of the rows of the maps, as far as their files do not say ``ROWORDER``."""
-    orders = set()
+def _placed_maps(section: Section) -> dict[str, Any]:
+    """Return which part of the detector the maps are, and what became of rows without a ``ROWORDER``."""
+    orders, windows = set(), {}
     for key in MAPS:
         if isinstance(section.values.get(key), str):
             with open_frames(section.path(key)) as frames:
                 orders |= {frames.metadata.row_order} if not frames.text("ROWORDER").strip() else set()
-    return tuple(sorted(orders))
+                windows[key] = frames.metadata.window
+    return {"map_orders": tuple(sorted(orders)), "map_windows": windows}
 
 
 _UNITS = {"bias": "adu", "read_noise": "electron", "dark_current": "electron/s"}

@@ -199,7 +199,13 @@ def test_frames_that_a_header_calls_light_are_warned_of(rng, tmp_path):
 
 @pytest.mark.parametrize(
     ("card", "here", "there"),
-    [("XBINNING", 1, 2), ("GAIN", 100, 300), ("READOUTM", "High Gain", "Low Gain"), ("INSTRUME", "A", "B")],
+    [
+        ("XBINNING", 1, 2),
+        ("GAIN", 100, 300),
+        ("READOUTM", "High Gain", "Low Gain"),
+        ("INSTRUME", "A", "B"),
+        ("XORGSUBF", 1000, 1001),
+    ],
 )
 def test_settings_that_differ(card, here, there, rng, tmp_path):
     for name, value in (("bias", here), ("dark", there)):

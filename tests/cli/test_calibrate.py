@@ -37,7 +37,8 @@ def frames(tmp_path_factory):
     for kind in ("bias", "dark", "flat"):
         (root / kind).mkdir()
     write_tiff(root / "bias" / "biases.tif", read(0.0, 0.0, 12))
-    write_fits(root / "dark" / "darks.fits", read(0.0, 20.0, 6), header={"EXPTIME": 20.0})
+    window = {"XORGSUBF": 80, "YORGSUBF": 40}
+    write_fits(root / "dark" / "darks.fits", read(0.0, 20.0, 6), header={"EXPTIME": 20.0, **window})
     for t in (0.1, 0.4, 0.9, 1.3):
         write_fits(root / "flat" / f"{t}.fits", read(14000 * t, t, 4), header={"EXPTIME": t})
     return root
@@ -87,6 +88,8 @@ def test_everything_is_measured_and_written(frames, tmp_path):
     assert table["signal"].unit == "adu"
     assert table["exposure"].to_value("s").tolist() == [0, 0.1, 0.4, 0.9, 1.3]
     assert table.meta["gain"][2] == "e-/ADU"
+    windows = load_instrument(out / "detector.toml").detector.map_windows
+    assert windows["flat"] == windows["bad_pixels"] == {"XORGSUBF, YORGSUBF": (80.0, 40.0)}
     assert str(out) in done.stderr
     assert str(out) not in done.stdout
 

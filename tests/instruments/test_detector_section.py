@@ -10,7 +10,7 @@ from refusals import refused
 from jitterkit.batch.steps import calibrate
 from jitterkit.detectors import detector_preset
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
-from jitterkit.frames import Metadata, RawFrame, write_fits, write_tiff
+from jitterkit.frames import Metadata, RawFrame, read_frames, write_fits, write_tiff
 from jitterkit.instruments import load_instrument, read_instrument
 
 NUMBERS = """
@@ -90,6 +90,39 @@ def test_a_map_whose_first_row_may_be_the_frames_last_is_doubted(
     known = Metadata(row_order=frame_order)
     frame = calibrate(RawFrame(np.arange(48.0).reshape(6, 8), metadata=known), camera)
     assert any("top row" in said for said in frame.metadata.warnings) == doubted
+
+
+@pytest.mark.parametrize(
+    ("own", "of_map", "found"),
+    [
+        ({"XORGSUBF": 80, "YORGSUBF": 40}, {"XORGSUBF": 10, "YORGSUBF": 40}, "refused"),
+        ({"XORGSUBF": 80, "YORGSUBF": 40}, {"XORGSUBF": "80", "YORGSUBF": 40.0}, ""),
+        ({"XORGSUBF": 80, "YORGSUBF": 40}, {}, "doubted"),
+        ({}, {"LTV1": -80.0, "LTV2": 0.0}, "doubted"),
+        ({"LTV1": 0.25, "LTV2": 0.25, "CCDSEC": "[8:1,1:6]"}, {}, ""),  # binned, read backwards, whole
+        ({"LTV1": -1000.0, "LTV2": 0.0}, {"LTV1": -1001.0, "LTV2": 0.0}, "refused"),
+        ({"SUBSTRT1": 1, "SUBSTRT2": 1}, {}, ""),
+        ({"SUBSTRT1": 1, "SUBSTRT2": 1}, {"SUBSTRT1": 1025, "SUBSTRT2": 1}, "refused"),
+        ({"CCDSEC": "[9:16,1:6]"}, {"CCDSEC": "[1:8, 1:6]"}, "refused"),
+        ({"CCDSEC": "[9:16,1:6]"}, {}, "doubted"),
+        ({"DETSEC": "[9:16,1:6]"}, {}, ""),  # of a mosaic: its chip may begin there
+        ({"DETSEC": "[9:16,1:6]"}, {"DETSEC": "[1:8,1:6]"}, "refused"),
+        ({"ESO DET WIN1 STRX": 9, "ESO DET WIN1 STRY": 1}, {}, "doubted"),
+        ({"SUBRECT": "9, 16, 6, 1"}, {"SUBRECT": "1, 8, 6, 1"}, "refused"),
+    ],
+)  # fmt: skip
+def test_a_map_of_another_part_of_the_detector_is_not_used(detector, tmp_path, own, of_map, found):
+    """A camera's window says where it begins: IRAF and HST, SBFITSEXT, JWST, ESO, Andor."""
+    write_fits(tmp_path / "bad.fits", np.eye(6, 8), header=of_map)
+    write_fits(tmp_path / "frame.fits", np.arange(48.0).reshape(6, 8), header=own)
+    camera = replace(load_instrument("smallsat"), detector=detector('bad_pixels = "bad.fits"'))
+    raw = next(read_frames(tmp_path / "frame.fits"))
+    if found == "refused":
+        with refused(ErrorCode.WRONG_INSTRUMENT, "bad_pixels", next(iter(own)), error=FrameError):
+            calibrate(raw, camera)
+        return
+    said = [text for text in calibrate(raw, camera).metadata.warnings if "part of the detector" in text]
+    assert len(said) == (found == "doubted")
 
 
 def test_what_has_no_number_in_a_map_is_bad(detector, tmp_path):
