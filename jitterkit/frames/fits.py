@@ -26,7 +26,7 @@ from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
 from jitterkit.frames.hdu import Hdu
-from jitterkit.frames.hdus import find_images, read_hdus
+from jitterkit.frames.hdus import Group, find_images, is_science, read_hdus
 from jitterkit.frames.pixels import open_pixels
 
 
@@ -66,6 +66,7 @@ class FitsFile(FrameFile):
                 self.close()
                 raise
         self.hdu, self.shape, self.dtype = first.hdu.number, first.shape, first.dtype
+        broken += _left_out(self._hdus, self._groups) if hdu is None else []
         self.metadata = first.metadata = first.metadata.warn(*broken, *caught)
 
     def _image(self, number: int) -> FitsImage:
@@ -95,6 +96,25 @@ class FitsFile(FrameFile):
             return []
         uses = {number: use for group in self._groups for number, use in group.uses.items()}
         return [(hdu.title, hdu.what, "", uses.get(hdu.number, "not used")) for hdu in self._hdus]
+
+
+def _left_out(hdus: list[Hdu], groups: list[Group]) -> list[str]:
+    """Warn of images as large as those that are read, and of masks and errors, that no frame has.
+
+    Beside an image called SCI others are known to be none; and a warning may have named them.
+    """
+    used = {number for group in groups for number in group.uses}
+    kinds = {role == "quality" for group in groups for role in group.parts}
+    said, first = " ".join(text for group in groups for text in group.warnings), groups[0].image
+    left = [one for one in hdus if one.is_image and one.number not in used and one.label not in said]
+    labels = [
+        one.label
+        for one in left
+        if (one.role and one.role != "none" and (one.role == "quality") not in kinds)
+        or (not one.role and not is_science(first) and min(one.shape[-2:]) >= min(first.shape[-2:]))
+    ]
+    shown = ", ".join(labels[:3]) + " and others" * (len(labels) > 3)
+    return [f"not used: {shown}; --hdu reads another image"] if labels else []
 
 
 def is_plane(path: Path, hdu: int | None = None) -> bool:

@@ -31,8 +31,10 @@ _SCALES = {"CD1_1", "PC1_1", "CDELT1"}
 _FRAMES_TOO = ("BIAS", "DARK", "FLAT", "SKY", "PSF")
 """EXTNAME of images that are read without a word where a file has no other."""
 
-_SCIENCE = re.compile(r"SCI(ENCE)?")
-"""EXTNAME of images that come before any other of a file."""
+
+def is_science(hdu: Hdu) -> bool:
+    """Return whether an image comes before any other of a file by its EXTNAME."""
+    return hdu.name in ("SCI", "SCIENCE")
 
 
 @dataclass
@@ -122,7 +124,7 @@ class Group:
         words = {"quality": "mask", "sigma": "error", "shot": "variance", "read": "variance"}
         found = {self.image.number: "image"}
         for role, part in self.parts.items():
-            if part.layers:
+            if part.number == self.image.number and part.path == self.image.path:
                 found[part.number] += f", {words.get(role, role)}"
             elif part.path == self.image.path:
                 found[part.number] = f"{words.get(role, role)} of HDU {self.image.number}"
@@ -147,7 +149,7 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
     """
     images = [one for one in hdus if one.is_image]
     science = [one for one in images if one.role == ""] or images
-    science.sort(key=lambda one: (not _SCIENCE.fullmatch(one.name), bool(one.name) and one.may_describe))
+    science.sort(key=lambda one: (not is_science(one), bool(one.name) and one.may_describe))
     first = next((one for one in (science if hdu is None else images) if hdu in (None, one.number)), None)
     if first is None:
         return []

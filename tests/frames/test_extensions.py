@@ -285,6 +285,24 @@ def test_images_that_differ_in_a_letter_are_each_a_frame(tmp_path, one, two, fra
     assert len(list(read_frames(written(tmp_path, hdu(one, SCI), hdu(two, SCI))))) == frames
 
 
+@pytest.mark.parametrize(
+    ("names", "left"),
+    [
+        (("FIRST", "SECOND"), "SECOND (HDU 2)"), (("SCI", "RAW"), ""),
+        (("DQ", "SCI", "SCI"), "DQ (HDU 1)"), (("SCI", "SKY"), ""), (("SCI", "DQ"), ""),
+        (("SCI1", "SCI2"), ""), (("SCI", "VAR", "VAR_POISSON"), ""),
+    ],
+)  # fmt: skip
+def test_an_image_that_is_left_out_is_named(tmp_path, names, left):
+    path = written(tmp_path, *[hdu(name, SCI.astype("i2") + k) for k, name in enumerate(names)])
+    with open_frames(path) as file:
+        found = [text for text in file[0].metadata.warnings if text.startswith("not used: ")]
+    assert [text.removeprefix("not used: ").partition(";")[0] for text in found] == [left] * bool(left)
+    small = written(tmp_path, fits.PrimaryHDU(SCI[:1]), hdu(None, SCI), name="b.fits")
+    with open_frames(small) as file:
+        assert any("image (HDU 1)" in text for text in file.metadata.warnings)
+
+
 def test_the_contents_are_listed_with_their_use(tmp_path):
     with open_frames(flc(tmp_path)) as file:
         rows = {row[0]: row[1:] for row in file.describe()}

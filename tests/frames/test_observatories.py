@@ -10,7 +10,7 @@ from headers import assert_number, assert_warned, header
 from refusals import refused
 
 from jitterkit.errors import ConfigurationError, ErrorCode
-from jitterkit.frames import find_files, read_frames, resolve_header
+from jitterkit.frames import find_files, open_frames, read_frames, resolve_header
 from jitterkit.frames.units import resolve_unit
 
 SHAPE = (6, 8)
@@ -243,6 +243,8 @@ def test_flags_of_all_planes_are_those_of_the_planes_that_are_images(tmp_path):
     fits.HDUList([fits.PrimaryHDU(), image, quality]).writeto(tmp_path / "a.fits")
     (frame,) = read_frames(tmp_path / "a.fits")
     assert masked(frame) == [1]
+    with open_frames(tmp_path / "a.fits") as file:
+        assert [row[3] for row in file.describe() if "HDU 2" in row[0]] == ["mask of HDU 1"]
 
 
 def test_cards_without_a_keyword_are_remarks(tmp_path):
