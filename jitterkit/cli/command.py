@@ -16,7 +16,6 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
-import math
 import os
 import re
 import sys
@@ -29,6 +28,7 @@ import typer
 from typer.models import ArgumentInfo, OptionInfo
 
 from jitterkit.cli import options as shared
+from jitterkit.cli.quantities import computable
 from jitterkit.cli.runtime import USAGE, log, log_error
 from jitterkit.errors import ErrorCode, JitterkitError, refuse_if
 
@@ -81,12 +81,11 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _refuse_infinite(given: Mapping[str, Any]) -> None:
-    """Refuse nan, inf and 1e400 for any option that takes a number."""
+    """Refuse nan, inf and 1e300 for any option that takes a number."""
     for name, value in given.items():
         numbers = value if isinstance(value, list | tuple) else [value]
         for number in (number for number in numbers if isinstance(number, float)):
-            problem = f"--{name.replace('_', '-')} = {number:g} is not a finite number; give one."
-            refuse_if(not math.isfinite(number), ErrorCode.OUT_OF_RANGE, problem)
+            computable(number, f"--{name.replace('_', '-')}")
 
 
 def _refuse_lost_input(given: Mapping[str, Any]) -> None:

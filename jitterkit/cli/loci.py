@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import jitterkit
-from jitterkit.cli.quantities import named
+from jitterkit.cli.quantities import computable, named
 from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _OPTIONS = {"length": "--length", "angle": "--angle", "sigma_major": "--sigma", "shear": "--shear"}
@@ -61,7 +61,9 @@ def parse_sizes(settings: list[str], others: Collection[str] = ()) -> dict[str, 
     sizes: dict[str, Any] = {}
     for name, value in named(settings, "--set", others):
         try:
-            sizes[name] = _positions(value) if ":" in value else float(value)
+            sizes[name] = _positions(value) if ":" in value else computable(float(value), f"--set {name}")
+        except ConfigurationError:
+            raise
         except ValueError:
             problem = f"--set {name}={value} is not understood"
             remedy = "write a number, --set cycles=0.7, or positions in arcsec, --set knots=0:0,0.2:0.1"
@@ -124,7 +126,7 @@ def refuse_other_motions(option: str, locus: str, sizes: Iterable[str], **motion
 
 def _positions(text: str) -> list[list[float]]:
     pairs = (position.split(":") for position in text.split(","))
-    return [[float(x), float(y)] for x, y in pairs]
+    return [[computable(float(one), "--set knots") for one in (x, y)] for x, y in pairs]
 
 
 def size_option(size: str) -> str:

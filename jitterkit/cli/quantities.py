@@ -75,7 +75,29 @@ def parse_number(text: str, is_valid: Callable[[float], bool], problem: str) -> 
     except ValueError:
         raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     refuse_if(not is_valid(value), ErrorCode.OUT_OF_RANGE, problem)
+    return computable(value, problem.partition(" is ")[0])
+
+
+def computable(value: float, said: str) -> float:
+    """Return a number of which squares and inverses can be computed, or refuse it by its name.
+
+    >>> computable(-2.0, "--x")
+    -2.0
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not finite, or neither zero nor between 1e-60 and 1e60.
+    """
+    number = f"{said} = {value:g}"
+    refuse_if(not math.isfinite(value), ErrorCode.OUT_OF_RANGE, f"{number} is not a finite number; give one.")
+    extreme = value != 0 and not _LEAST <= abs(value) <= 1 / _LEAST
+    problem = f"{number} is beyond what can be computed with; give a number between 1e-60 and 1e60."
+    refuse_if(extreme, ErrorCode.OUT_OF_RANGE, problem)
     return value
+
+
+_LEAST = 1e-60
 
 
 def parse_time(text: str, option: str) -> float:
@@ -108,7 +130,7 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
             code, value = ErrorCode.UNKNOWN_UNIT, 0.0
     problem = f"{option} {text} is not a positive {kind}; write one with its unit, {example}."
     refuse_if(not 0 < value < float("inf"), code, problem)
-    return value
+    return computable(value, option)
 
 
 def named(texts: Iterable[str], option: str, others: Collection[str] = ()) -> Iterator[tuple[str, str]]:
@@ -145,6 +167,8 @@ def parse_sweeps(texts: list[str]) -> dict[str, list[float]]:
     for name, values in named(texts, "--sweep"):
         try:
             sweeps[name] = _values(values)
+        except ConfigurationError:
+            raise
         except (ValueError, OverflowError):
             form = "--sweep length=0.05:0.75:15 (from, to, how many; with :log at the end for equal ratios)"
             problem = f"--sweep {name}={values} is not understood; write {form}, or --sweep angle=0,45,90."
@@ -156,15 +180,10 @@ def _values(text: str) -> list[float]:
     import numpy as np
 
     if ":" not in text:
-        return [_finite(value) for value in text.split(",")]
+        return [computable(float(value), "a value of --sweep") for value in text.split(",")]
     first, last, count, *log = text.split(":")
     if log not in ([], ["log"]) or int(count) < 1 or (log and not float(first) * float(last) > 0):
         raise ValueError(text)
     spaced = np.geomspace if log else np.linspace
-    return [float(value) for value in spaced(_finite(first), _finite(last), int(count))]
-
-
-def _finite(text: str) -> float:
-    if not math.isfinite(value := float(text)):
-        raise ValueError(text)
-    return value
+    low, high = (computable(float(end), "a value of --sweep") for end in (first, last))
+    return [float(value) for value in spaced(low, high, int(count))]

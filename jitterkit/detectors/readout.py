@@ -24,6 +24,9 @@ DEPTH = 1.0
 CHARGE = 200.0
 """Charge along a track, e- per pixel: 80 e-/um of a fast particle in silicon, in pixels of 2.4 um."""
 
+_MOST = 9e18
+"""Electrons: numpy draws 64-bit integers."""
+
 _STEP = 0.1
 """Pixels between the points in which a track is deposited."""
 
@@ -83,6 +86,9 @@ def collected(detector, expected, rng, exposure, origin) -> np.ndarray:
     if detector.dark_current is not None:
         dark = piece("dark_current", detector.dark_current, _NAME, origin, expected.shape)
         expected = expected + dark * (exposure or 0.0)
+    if rng is not None and expected.max(initial=0.0) > _MOST:
+        problem = f"{expected.max():g} electrons are expected in a pixel, of which no noise can be drawn"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; give less light.")
     charge = expected if rng is None else rng.poisson(expected).astype(float)
     if rng is not None and detector.cosmic_rays:
         charge = charge + cosmic_rays(charge.shape, detector.cosmic_rays, exposure, rng)

@@ -42,6 +42,9 @@ _LEAST, _MOST, _STEP, _EXACT = 1e-9, 30.0, 1.5, 1e-3
 """arcsec: between which a size is sought; the factor by which the search goes; how exactly its logarithm is
 found."""
 
+_LEAST_SHARE = 1e-6
+"""Share of the time, to which rounding of the information leaves the loss exact to 1 %."""
+
 _MAX_STEPS, _NEAR = 400, 1e-4
 """Steps at most (a round blur fitted with a streak takes 280), and the standard errors that may remain."""
 
@@ -135,6 +138,11 @@ def jitter_requirements(
         problem = "The frame does not determine its parameters even without jitter"
         remedy = "look at flux, contrast and saturation"
         raise ConfigurationError(ErrorCode.NOT_CONSTRAINED, f"{problem}; {remedy}.")
+    least = _LEAST_SHARE if fitted is None else _NEAR * alone
+    if allowed < least:
+        of, unit = ("a share of the time", "") if fitted is None else ("a bias", " arcsec")
+        problem = f"{allowed:g}{unit} is too small for {of}, which is computed to {least:.2g}{unit}"
+        raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; allow more.")
     loss = time_lost if fitted is None else bias
     questions = [*((kind, math.nan) for kind in MOTIONS), *(("vibration", cycle) for cycle in cycles)]
     found: list[Requirement] = []
@@ -211,9 +219,11 @@ def largest_size(loss: Callable[[float], float], allowed: float, guess: float = 
     enough = first >= allowed
     low, high = guess, guess
     while low > _LEAST and high < _MOST:
-        low, high = (low / _STEP, low) if enough else (high, high * _STEP)
+        down = _STEP * max(1.0, (first / allowed) ** 0.5)  # a loss rises by the square at least
+        low, high = (low / down, low) if enough else (high, high * _STEP)
         if math.isnan(reached := loss(low if enough else high)):
             return math.nan
+        first = reached
         if (reached >= allowed) != enough:
             span = math.log(low), math.log(high)
             return math.exp(scipy.optimize.brentq(lambda s: loss(math.exp(s)) - allowed, *span, xtol=_EXACT))

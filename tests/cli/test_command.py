@@ -98,8 +98,8 @@ def test_errors_are_a_line_with_the_code_and_exit_statuses():
     assert run("interrupted").exit_code == 130
 
 
-@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400"])
-def test_no_option_takes_a_number_that_is_not_finite(number):
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e300", "-1e-300"])
+def test_no_option_takes_a_number_whose_square_is_not_finite_or_nothing(number):
     done = run("x", "--minor", number)
     assert (done.exit_code, done.stdout) == (2, "")
     assert f"--minor = {float(number):g} " in done.stderr

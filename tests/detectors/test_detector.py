@@ -82,6 +82,11 @@ def test_ringing_below_zero_is_exposed_as_darkness():
     assert CAMERA.expose(np.array([[-3.0]]))[0, 0] == 30
 
 
+def test_more_light_than_noise_can_be_drawn_of_is_refused():
+    with refused(ErrorCode.OUT_OF_RANGE, "1e+19 electrons"):
+        CAMERA.expose(np.array([[1e19]]), np.random.default_rng(0))
+
+
 @pytest.mark.parametrize(
     ("detector", "level"),
     [

@@ -16,6 +16,9 @@ from jitterkit.loci import Linear, Mvn, PartialShm
 def test_the_largest_size_is_found_from_any_guess():
     for guess in (1e-4, 0.1, 20.0):
         assert largest_size(lambda size: 3 * size**2, 0.12, guess) == pytest.approx(0.2, rel=2e-3)
+    steps = []
+    assert largest_size(lambda size: steps.append(size) or 1e-3 + size**2, 1e-4) == 0.0  # never as low
+    assert len(steps) < 20
     assert largest_size(lambda size: 0.0, 0.1) == math.inf
     assert largest_size(lambda size: 1.0, 0.1) == 0.0
     assert math.isnan(largest_size(lambda size: 0.0 if size < 1 else math.nan, 0.1))
