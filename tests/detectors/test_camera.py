@@ -75,7 +75,7 @@ def test_every_part_of_the_calibration_is_needed(left_out):
 def test_the_camera_that_comes_along_has_a_source_for_every_number():
     detector = detector_preset("imx183")
     for name, value in vars(detector).items():
-        if value is not None and name != "sources":
+        if value is not None and name not in ("sources", "map_orders", "map_windows"):
             assert detector.source(name).startswith("preset imx183 ("), name
 
 
