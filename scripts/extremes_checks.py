@@ -145,6 +145,8 @@ def fitted(
     ).raw
     frame = frame if mask is None else replace(frame, mask=mask)
     result = FrameProcessor(instrument, locus=by).process(frame).result
+    if result.status.usable and not isinstance(result.parameters.scene, Binary):
+        return Check("one star is seen", "NO_PAIR" in ends)
     if result.status.name in ends:
         return Check(f"{result.status.name}: “{result.message}”", bool(result.message))
     return (
