@@ -216,7 +216,8 @@ class Weighing:
             fits = [normal, *(pair.others[name] for name in _STREAKS)]
             weights = {fit.locus: weight_of_evidence(fit) for fit in fits}
             yield self.jittered(start, max(fits, key=lambda fit: weights[fit.locus]), weights, seen=seen)
-        if normal.status is not Status.POOR_FIT and (_is_split(start) or not _surely(start)):
+        may_be_still = _is_split(start) or not (seen and _surely(start))  # a start may be far from its fit
+        if normal.status is not Status.POOR_FIT and may_be_still:
             if "stable" not in pair.others:
                 pair.others["stable"] = _fit_still(*self.common(start, rival=normal.objective))
             yield self.still(start, pair.others["stable"])

@@ -16,7 +16,7 @@ from jitterkit.locate import Start, locate_binary
 from jitterkit.loci import Linear, Mvn, PartialShm, Path, Shm, Stable, Tones
 from jitterkit.refit import FitOptions, FitResult, Priors, Status, choose_scene, fit_locus, weigh_scenes
 from jitterkit.refit.choose_scene import _Frame
-from jitterkit.refit.reading import Reading, is_same_maximum
+from jitterkit.refit.reading import FittedPair, Reading, is_same_maximum
 from jitterkit.refit.scene_prior import ScenePrior
 from jitterkit.refit.weigh_scenes import Weighing
 from jitterkit.scene import Binary, Star
@@ -141,6 +141,19 @@ def test_a_pair_with_a_normal_blur_is_held_against_one_star_with_one(locus, of_p
     pair = Start(truth, bench.optics.nominal, of_pair, np.eye(1), ("separation",))
     star = FitResult(Status.OK, "", parameters=truth, locus=locus, objective=1.08 * 2000)
     assert weighing.is_worse(pair, Reading(replace(pair, deviance_dof=of_star), star, -1000.0)) == worse
+
+
+def test_a_pair_without_jitter_is_read_so_though_its_start_has_a_jitter_for_certain(bench):
+    """No reading was left, and one star with a chi-squared of 246 was a poor fit of a clear pair."""
+    truth = Parameters(Binary(3.0, 140.0, 0.3, -0.2, 1e6, 3.0), Stable.of(), (4.0, -3.0))
+    data = bench.draw(truth, np.random.default_rng(1))
+    weighing = Weighing(data, bench.optics, FitOptions(), False)
+    blurred = truth.with_locus(Mvn.of(0.5, 0.4, 10.0))
+    start = Start(blurred, bench.optics.nominal, 14.0, 1e12 * np.eye(4), (*Mvn.names, "separation"))
+    pair = FittedPair(start, fit_locus("mvn", data, bench.optics, truth, np.zeros(3)))
+    star = Reading(start, pair.normal, -3e5)
+    read = weighing.readings_of_pairs([pair], star)
+    assert [one.fit.locus for one in read if math.isfinite(one.evidence)] == ["stable"]
 
 
 def aberrated(scene, locus, rng, name="toliman", rms=8.0):
