@@ -168,7 +168,9 @@ class _Clock:
     def __init__(self, cadence: float | None, times: Mapping[Path, float]) -> None:
         self._cadence, self._times = cadence, times
         self._zero: float | None = None
-        self._count = 0
+        self._elapsed, self._missed = 0.0, 0  # s of exposures without times, and lost ones since
+        # file, time of a header in it, and the first image that has it
+        self._own: tuple[Path | None, float, int] = (None, 0.0, 0)
         self._rounding = float(self._reads_times and all(time.is_integer() for time in times.values()))
         self._last: tuple[float, Path | None, str] = (-math.inf, None, "")
         self._overlaps: list[str] = []
@@ -180,7 +182,7 @@ class _Clock:
 
     def lost(self, path: Path | None) -> float:
         """Return the time of a frame of which nothing is known; its place in the sequence counts."""
-        self._count += 1
+        self._missed += 1
         if self._zero is None and path is not None:
             self._zero = self._times.get(path)
         return math.nan
@@ -188,13 +190,15 @@ class _Clock:
     def middle(self, frame: Frame, after: int | None) -> float:
         """Return the middle of an exposure, s from the beginning of the first.
 
-        An image whose header has a time of its own was taken then, after ``after`` planes of that header.
+        An image whose header has a time of its own was taken then, after others of the file with that time.
         """
         exposure = frame.exposure or 0.0
         step = self._cadence or exposure or 1.0
         if not self._reads_times:
-            self._count += 1
-            return (self._count - 1) * step + exposure / 2
+            self._elapsed += self._missed * step
+            self._missed, middle = 0, self._elapsed + exposure / 2
+            self._elapsed += step
+            return middle
         assert frame.path is not None
         start, known = self._times.get(frame.path), frame.metadata.time
         if start is None or known is None:
@@ -202,7 +206,9 @@ class _Clock:
             raise FrameError(ErrorCode.MISSING_VALUE, frame.path, problem, "give the --cadence")
         index, own = frame.index * frame.several, epoch_seconds(known.value)
         if own != start and after is not None and "T" in known.value:
-            start, index = own, after
+            if self._own[:2] != (frame.path, own):
+                self._own = frame.path, own, frame.index
+            start, index = own, (frame.index - self._own[2]) * frame.several
         ordinal = index if after is None else after
         self.unbroken |= ordinal > 0
         self._delay = (index - ordinal) * exposure

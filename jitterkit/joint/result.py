@@ -66,7 +66,7 @@ class Rows(NamedTuple):
         Change of the separation by a velocity along the pair, at worst, s: arcsec per arcsec/s.
     unknown : float
         Standard error of the velocity within the frames, arcsec/s; NaN where unknown.
-    told : bool
+    by_telemetry : bool
         Whether the velocity is that of telemetry; ``unknown`` is then what it lacks of that between frames.
     """
 
@@ -74,7 +74,7 @@ class Rows(NamedTuple):
     modelled: bool
     leverage: float
     unknown: float
-    told: bool = False
+    by_telemetry: bool = False
 
 
 @dataclass(frozen=True, eq=False)

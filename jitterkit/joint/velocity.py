@@ -7,6 +7,7 @@ needs it: :class:`Shutters` has the timing of the rows of a sequence, and the mo
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from jitterkit.errors import ConfigurationError, ErrorCode
 from jitterkit.frames import Frame
@@ -87,20 +88,15 @@ def smear_allowed(moments, errors, velocity) -> float:
     Returns
     -------
     length : float
-        arcsec: that of a streak whose variance is the blur's, and five errors.  Infinite where nothing is
-        known.
-
-    Notes
-    -----
-    The error is the largest of the moments': across a short streak, whose direction noise may change, its
-    own is too small.
+        arcsec: that of a streak whose variance is the blur's, and three of its errors.  Infinite where
+        nothing is known.
     """
     speed = float(np.hypot(*velocity))
     if speed == 0 or not np.all(np.isfinite(moments)):
         return float("inf")
     ux, uy = np.asarray(velocity) / speed
     weights = np.array([ux * ux, 2 * ux * uy, uy * uy])
-    variance = weights @ np.asarray(moments) + 5 * np.max(np.nan_to_num(errors))
+    variance = weights @ np.asarray(moments) + 3 * np.sqrt(np.nansum((weights * np.asarray(errors)) ** 2))
     return float(np.sqrt(12 * max(variance, 0.0)))
 
 
@@ -167,8 +163,9 @@ def unexplained_by_trace(trace, times, positions, exposures) -> float:
         rms of one component, arcsec/s; zero of one frame.
     """
     t, *axes = (np.asarray(v, float) for v in trace)
-    moments = np.linspace(-16 / 33, 16 / 33, 33)[:, None] * exposures + times
-    pointing = np.stack([np.interp(moments, t, axis).mean(axis=0) for axis in axes], axis=1)
+    integral = make_interp_spline(t, np.column_stack(axes), k=1).antiderivative()
+    times, half = np.asarray(times, float), np.broadcast_to(exposures, np.shape(times)) / 2
+    pointing = (integral(times + half) - integral(times - half)) / (2 * half[:, None])
     return float(np.sqrt(np.nanmean(velocity_between_frames(times, positions - pointing) ** 2)))
 
 
@@ -244,12 +241,12 @@ class Shutters:
         """Return the effect of the rolling shutter on a separation [arcsec], and how well it is corrected."""
         if not self.line_time:
             return None
-        unknown, told = 0.0, self.telemetry is not None
-        times, positions = zip(*((record.time, record.position) for record in records), strict=True)
-        if self.rolling and told:
-            exposures = [record.exposure for record in records]
+        unknown, by_telemetry = 0.0, self.telemetry is not None
+        known = [(one.time, one.position, one.exposure) for one in records if one.has_summary]
+        times, positions, exposures = zip(*known, strict=True)
+        if self.rolling and by_telemetry:
             unknown = unexplained_by_trace(self.telemetry, times, positions, exposures)
         elif self.rolling:
             unknown = max(motion_unknown(times, positions), self._excluded_speed)
         leverage = abs(self.line_time * separation) / self.grid.plate_scale
-        return Rows(self.line_time, self.rolling, leverage, unknown, told)
+        return Rows(self.line_time, self.rolling, leverage, unknown, by_telemetry)

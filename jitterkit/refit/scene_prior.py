@@ -52,14 +52,14 @@ class ScenePrior:
 
     @property
     def log_sizes(self) -> float:
-        """Logarithm of the range of the logarithm of the jitter's variance.
+        """Return the logarithm of the range of the logarithm of the jitter's variance.
 
         It reaches from a hundredth of the resolution to a quarter of the frame.
         """
         return math.log(2 * math.log(25 * self.width / self.fineness))
 
     def log_density(self, fit: FitResult) -> float:
-        """Logarithm of the prior density of what a scene has beside position and light."""
+        """Return the logarithm of the prior density of what a scene has beside position and light."""
         assert fit.parameters is not None
         scene, known = fit.parameters.scene, self.colours
         colours = 0.0 if scene.indices is None or known is None else known.log_density * len(scene.indices)

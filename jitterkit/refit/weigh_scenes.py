@@ -200,7 +200,7 @@ class Weighing:
             yield self.still(start, _fit_still(*self.common(start, rival=min(rival, jittered.objective))))
 
     def readings_of_pair(self, pair: FittedPair, star: Reading, *, straight: bool) -> Iterator[Reading]:
-        """Two stars with a normal blur, perhaps with straight ones, and without jitter.
+        """Yield two stars with a normal blur, perhaps with straight ones, and without jitter.
 
         Straight ones are tried too where a normal one is straight, and might win by being simpler.
         """
@@ -223,7 +223,7 @@ class Weighing:
             yield self.still(start, pair.others["stable"])
 
     def on_any_locus(self, one: Reading, two: Reading) -> Reading:
-        """One star as it was read, or with the best of all loci, those of the last tier too."""
+        """Return one star as it was read, or with the best of all loci, those of the last tier too."""
         if any(CHOICES[name].tier == _LAST for name in one.fit.tried if name in CHOICES):
             return one
         return best_reading([one, *self.readings_of_star(one.start, two.fit.objective, every=True)])

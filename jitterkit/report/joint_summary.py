@@ -176,7 +176,7 @@ def describe_joint_fit(summary: Mapping[str, Any]) -> list[str]:
         added = f"adds up to {angle_size(rows['leverage'] * rows['unknown'], 2)} of error to each frame"
         found = f"The image moves between frames too irregularly to give its motion within them ({speed})"
         remedy = "Give --telemetry"
-        if rows["told"]:
+        if rows["by_telemetry"]:
             found = f"Between frames the telemetry misses {speed} of the image's motion"
             remedy = "Unless the telescope stepped there, check its signs, axes, unit and clock"
         sentences.append(f"{found}: the rolling shutter {added}. {remedy}.")

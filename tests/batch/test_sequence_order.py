@@ -21,7 +21,8 @@ class Plain:
 
     def calibrate(self, raw):
         about = {"path": raw.path, "index": raw.index, "several": raw.several, "digest": raw.digest}
-        return Frame(raw.data, 1.0, exposure=EXPOSURE, metadata=raw.metadata, **about)
+        exposure = raw.metadata.value("exposure", EXPOSURE)
+        return Frame(raw.data, 1.0, exposure=exposure, metadata=raw.metadata, **about)
 
     def optics(self, frame):
         return "optics"
@@ -223,6 +224,33 @@ def test_images_of_one_file_have_the_times_of_their_own_headers(write, tmp_path)
     assert exposures.unbroken
     write("next.fits", seconds=9.2)
     assert gone_over(tmp_path)[0].overlap.startswith("next.fits begins 0.3 s before many.fits[3] ends")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "exposure", "middles"),
+    [
+        ([1, 1, 1, 1, 2, 2], 0.25, [0.125, 0.375, 0.625, 0.875, 1.125, 1.375]),  # whole seconds
+        (
+            [1, 1, 6, 6],
+            0.5,
+            [0.25, 0.75, 5.25, 5.75],
+        ),  # two detectors, which are modelled one after the other
+    ],
+)
+def test_images_that_share_a_time_of_their_own_follow_each_other(seconds, exposure, middles, tmp_path):
+    images = [fits.PrimaryHDU()]
+    for number, second in enumerate(seconds):
+        header = fits.Header({"DATE-OBS": f"2027-03-01T03:00:0{second}", "EXPTIME": exposure})
+        values = np.arange(16, dtype=np.int16).reshape(4, 4) + 50 * number
+        images.append(fits.ImageHDU(values, header, name="SCI", ver=number + 1))
+    fits.HDUList(images).writeto(tmp_path / "many.fits")
+    np.testing.assert_allclose([e.time for e in gone_over(tmp_path)[1]], middles)
+
+
+def test_frames_without_times_follow_each_other_however_long_each_is(write, tmp_path):
+    for number, exposure in enumerate([1.0, 2.0, 3.0]):
+        write(f"f{number}.fits", EXPTIME=exposure)
+    np.testing.assert_allclose([e.time for e in gone_over(tmp_path)[1]], [0.5, 2.0, 4.5])
 
 
 @pytest.mark.parametrize(("planes", "cadence", "said"), [(3, None, True), (3, 2.0, False), (1, None, False)])

@@ -9,7 +9,6 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.joint.velocity import (
     motion_unknown,
-    smear_allowed,
     unexplained_by_trace,
     velocity_between_frames,
     velocity_from_trace,
@@ -70,24 +69,10 @@ def test_telemetry_with_a_gap_in_an_exposure_is_refused():
 
 @pytest.mark.parametrize(("signs", "missed"), [((1, 1), 0.0), ((-1, -1), 2.0), ((1, -1), np.sqrt(2))])
 def test_telemetry_with_a_wrong_sign_misses_the_motion_between_frames(signs, missed):
-    """A drift of (1, 1) arcsec/s that shakes at 200 Hz: opposite signs are off by twice the speed."""
+    """A drift of (1, 1) arcsec/s that shakes at 660 Hz: opposite signs are off by twice the speed."""
     t, times = np.linspace(0, 1, 5001), 0.1 * np.arange(1, 10)
-    shaken = 0.05 * np.sin(2 * np.pi * 200 * t)
+    shaken = 0.05 * np.sin(2 * np.pi * 660 * t)
     trace = (t, signs[0] * t + shaken, signs[1] * t - shaken)
     positions = np.column_stack([3.0 + times, times - 2.0])
     assert unexplained_by_trace(trace, times, positions, 0.05) == pytest.approx(missed, abs=2e-3)
     assert unexplained_by_trace(trace, times[:1], positions[:1], 0.05) == 0
-
-
-def test_a_short_streak_whose_direction_noise_has_changed_does_not_exclude_its_motion(rng):
-    """A smear of 1.5 errors of a moment: of noisy moments the nearest streak, without an error across it."""
-    velocity, error = np.array([0.8, 1.2]), 1e-3
-    moments = np.array([0.64, 0.96, 1.44]) * 1.5 * error / 2.08
-    length = np.sqrt(12 * 1.5 * error)
-    for xx, xy, yy in moments + error * rng.standard_normal((2000, 3)) * [1, 0.7, 1]:
-        variances, axes = np.linalg.eigh([[xx, xy], [xy, yy]])
-        (ux, uy), variance = axes[:, 1], max(variances[1], 0.0)
-        streak = variance * np.array([ux * ux, ux * uy, uy * uy])
-        errors = error * np.array([ux * ux, abs(ux * uy), uy * uy])
-        assert smear_allowed(streak, errors, velocity) > length
-    assert smear_allowed(moments, np.full(3, error), 10 * velocity) < 3 * length

@@ -154,7 +154,7 @@ def test_a_motion_that_is_not_known_under_a_rolling_shutter_is_said(rng):
 
 
 def test_telemetry_that_does_not_move_the_image_as_the_frames_do_is_said(rng):
-    rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7, told=True)
+    rows = Rows(line_time=1.5e-5, modelled=True, leverage=4e-4, unknown=0.7, by_telemetry=True)
     (told,) = describe_joint_fit(joint_summary(made(rng, rows=rows)))
     assert "280 µas" in told
     assert "signs" in told
