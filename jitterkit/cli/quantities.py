@@ -13,6 +13,9 @@ _MAX_SWEPT = 2
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d]*)", re.ASCII)
 """A number and its unit."""
 
+_LEAST = 1e-60
+"""The fourth power of its inverse is a number of 64 bits."""
+
 _LIKE = {"angle": "plate_scale", "time": "exposure"}
 """Quantities of headers that have such units."""
 
@@ -95,9 +98,6 @@ def computable(value: float, said: str) -> float:
     problem = f"{number} is beyond what can be computed with; give a number between 1e-60 and 1e60."
     refuse_if(extreme, ErrorCode.OUT_OF_RANGE, problem)
     return value
-
-
-_LEAST = 1e-60
 
 
 def parse_time(text: str, option: str) -> float:
