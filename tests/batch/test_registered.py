@@ -57,6 +57,7 @@ def test_every_frame_has_its_blur_and_only_the_odd_one_is_searched_through(teles
     assert kept[0].evidence.parameters.scene.name == "binary"
 
 
+@pytest.mark.slow
 def test_registered_frames_that_were_resampled_are_told_by_their_noise(telescope, night, tmp_path):
     """Bilinear interpolation: frames that are registered to another are like it, whatever was done to all."""
     files, _ = night

@@ -124,7 +124,7 @@ def test_a_shear_is_one_minus_the_ratio_of_the_sigmas():
         ("--locus path --set knots=3", ErrorCode.WRONG_TYPE, ["path", "--set knots", "3"]),
         ("--locus linear --set length=1:2", ErrorCode.WRONG_TYPE, ["linear", "--length"]),
         ("--locus path --set knots=0:0,1", ErrorCode.MALFORMED, ["--set knots=0:0,1"]),
-        ("--locus linear --length 1 --set angle=nan", ErrorCode.OUT_OF_RANGE, ["jitter = nan"]),
+        ("--locus linear --length 1 --set angle=nan", ErrorCode.OUT_OF_RANGE, ["--set angle = nan"]),
         ("--trace gyro.csv --locus shm", ErrorCode.CONFLICT, ["--trace", "--locus"]),
         ("--trace gyro.csv --length 1", ErrorCode.CONFLICT, ["--trace", "--length"]),
         ("--trace none.csv", ErrorCode.NOT_FOUND, ["none.csv"]),

@@ -165,7 +165,7 @@ def test_one_star_has_a_trail_beside_a_reference_only(reference):
         pytest.param(6, True, marks=pytest.mark.slow),
         pytest.param(32, True, marks=pytest.mark.slow),
         (1, False),
-        (6, False),
+        pytest.param(6, False, marks=pytest.mark.slow),
         pytest.param(32, False, marks=pytest.mark.slow),
     ],
 )

@@ -52,7 +52,10 @@ def test_the_cheapest_settings_that_keep_a_promise_are_found(planner, example, o
     assert all(loss(settings, example, one, whole) > 0.75 * allowed for settings in nearest)
 
 
-@pytest.mark.parametrize(("share", "tolerance"), [(1.2, 0.1), (0.21, 1e-2), (0.11, 1e-4), (0.011, 1e-5)])
+@pytest.mark.parametrize(
+    ("share", "tolerance"),
+    [pytest.param(1.2, 0.1, marks=pytest.mark.slow), (0.21, 1e-2), (0.11, 1e-4), (0.011, 1e-5)],
+)
 def test_a_fit_is_ended_within_a_tenth_of_what_is_allowed(planner, share, tolerance):
     """Linearised optics leave 0.01 of an error to any tolerance down to 1e-4, and less to tighter ones."""
     assert planner.cheapest(share * planner.worst_case.sigma).settings.tolerance == tolerance
