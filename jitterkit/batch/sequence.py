@@ -209,6 +209,7 @@ class _Clock:
             if self._own[:2] != (frame.path, own):
                 self._own = frame.path, own, frame.index
             start, index = own, (frame.index - self._own[2]) * frame.several
+            self.unbroken |= index > 0
         ordinal = index if after is None else after
         self.unbroken |= ordinal > 0
         self._delay = (index - ordinal) * exposure

@@ -78,7 +78,7 @@ def parse_number(text: str, is_valid: Callable[[float], bool], problem: str) -> 
     except ValueError:
         raise ConfigurationError(ErrorCode.MALFORMED, problem) from None
     refuse_if(not is_valid(value), ErrorCode.OUT_OF_RANGE, problem)
-    return computable(value, problem.partition(" is ")[0])
+    return computable(value, " ".join(problem.split()[:2]))  # option and text
 
 
 def computable(value: float, said: str) -> float:

@@ -43,7 +43,7 @@ _LEAST, _MOST, _STEP, _EXACT = 1e-9, 30.0, 1.5, 1e-3
 found."""
 
 _LEAST_SHARE = 1e-6
-"""Share of the time, to which rounding of the information leaves the loss exact to 1 %."""
+"""Share of the time below which a loss is refused: rounding comes near, and nobody plans for so little."""
 
 _MAX_STEPS, _NEAR = 400, 1e-4
 """Steps at most (a round blur fitted with a streak takes 280), and the standard errors that may remain."""

@@ -52,7 +52,7 @@ def window_of(cards: Cards) -> Window:
 
 def contradiction(one: Window, other: Window) -> str:
     """Return the keywords by which two images are different parts of a detector; empty where none says it."""
-    return next((key for key in one.keys() & other.keys() if _apart(one[key], other[key])), "")
+    return next((key for key in one if key in other and _apart(one[key], other[key])), "")
 
 
 def beginning(window: Window) -> str:
@@ -62,11 +62,11 @@ def beginning(window: Window) -> str:
     """
     first = {**{", ".join(pair): number for pair, number in _CORNERS.items()}, "CCDSEC": 1.0}
     corners = {key: (min(n[: len(n) // 2]), min(n[len(n) // 2 :])) for key, n in window.items()}
-    return next((key for key in first.keys() & window.keys() if _apart(corners[key], (first[key],) * 2)), "")
+    return next((key for key in first if key in window and _apart(corners[key], (first[key],) * 2)), "")
 
 
 def said(window: Window, key: str) -> str:
-    """Return ``"XORGSUBF, YORGSUBF = 100, 60"``."""
+    """Return in words what some keywords say: ``"XORGSUBF, YORGSUBF = 100, 60"``."""
     return f"{key} = {', '.join(f'{number:g}' for number in window[key])}"
 
 

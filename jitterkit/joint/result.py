@@ -67,7 +67,8 @@ class Rows(NamedTuple):
     unknown : float
         Standard error of the velocity within the frames, arcsec/s; NaN where unknown.
     by_telemetry : bool
-        Whether the velocity is that of telemetry; ``unknown`` is then what it lacks of that between frames.
+        Whether the velocity comes from telemetry; ``unknown`` is then the rms difference between its motion
+        from frame to frame and the image's.
     """
 
     line_time: float

@@ -50,7 +50,8 @@ _NEARLY = 2.0
 are tried: pairs that were wrong had 5 and 23."""
 
 _CATCHES_UP = 10.0
-"""Logarithm of the odds that a pair with a straight blur may make up for against one with a normal blur."""
+"""Logarithm of the odds against a pair with a normal blur that its straight blur may make up for: it was 0.6
+to 7.7 in five pairs, and 31 in one that was 2,400 behind."""
 
 _LAST = max(choice.tier for choice in CHOICES.values())
 """Tier of the loci that are tried only where no other describes a frame."""

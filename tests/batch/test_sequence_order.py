@@ -244,7 +244,9 @@ def test_images_that_share_a_time_of_their_own_follow_each_other(seconds, exposu
         values = np.arange(16, dtype=np.int16).reshape(4, 4) + 50 * number
         images.append(fits.ImageHDU(values, header, name="SCI", ver=number + 1))
     fits.HDUList(images).writeto(tmp_path / "many.fits")
-    np.testing.assert_allclose([e.time for e in gone_over(tmp_path)[1]], middles)
+    exposures, frames = gone_over(tmp_path)
+    np.testing.assert_allclose([e.time for e in frames], middles)
+    assert exposures.unbroken
 
 
 def test_frames_without_times_follow_each_other_however_long_each_is(write, tmp_path):

@@ -9,6 +9,7 @@ from refusals import refused
 from jitterkit.errors import ErrorCode
 from jitterkit.joint.velocity import (
     motion_unknown,
+    smear_allowed,
     unexplained_by_trace,
     velocity_between_frames,
     velocity_from_trace,
@@ -76,3 +77,11 @@ def test_telemetry_with_a_wrong_sign_misses_the_motion_between_frames(signs, mis
     positions = np.column_stack([3.0 + times, times - 2.0])
     assert unexplained_by_trace(trace, times, positions, 0.05) == pytest.approx(missed, abs=2e-3)
     assert unexplained_by_trace(trace, times[:1], positions[:1], 0.05) == 0
+
+
+def test_a_blur_allows_motion_up_to_three_of_its_errors_along_it():
+    """A larger error across it does not: steps between exposures were taken for motion, 13 errors off."""
+    errors = [1e-3, 5e-3, 9e-3]
+    assert smear_allowed(np.zeros(3), errors, [2.0, 0.0]) == pytest.approx(np.sqrt(12 * 3e-3))
+    assert smear_allowed([4e-3, 0.0, 0.0], errors, [2.0, 0.0]) == pytest.approx(np.sqrt(12 * 7e-3))
+    assert smear_allowed([np.nan, 0.0, 0.0], errors, [2.0, 0.0]) == np.inf
