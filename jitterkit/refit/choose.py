@@ -25,6 +25,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.special
 import scipy.stats
 
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
@@ -59,6 +60,9 @@ _KURTOSES = 1.5
 
 _STRAIGHT = (-0.75, 0.75)
 """Excess kurtosis of a blur that may be straight, and its uncertainty: between a normal's and that of SHM."""
+
+_WIDE = 0.75
+"""Spread of the excess kurtosis of a wide blur that is not normal: that of an ellipse is two of it away."""
 
 _SHAPED = 3.0
 """Standard errors from which a kurtosis is looked into however little it matters."""
@@ -163,7 +167,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None, every
     if every:
         return _fit_tiers(frame, normal, otf, step, every=True)
     if not (seen or moved or widened or _wants_more(normal, step)):
-        return _finalize(Tried(_of_any_shape(normal, step, otf) if _may_be_straight(normal) else normal))
+        return _finalize(Tried(_of_any_shape(normal, step, otf)))
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     return _fit_tiers(frame, normal, otf, step)
@@ -201,16 +205,34 @@ def is_lost(contrast: float, error: float) -> bool:
 
 
 def _of_any_shape(normal: FitResult, step: CumulantStep, otf: OTF) -> FitResult:
-    """Return a straight blur's values and errors where the frame does not show its shape; the image stays."""
+    """Return values and errors where the frame does not show the shape of a blur; the image stays.
+
+    A straight blur has any kurtosis from a normal's to that of SHM.  A wide one is normal, or has another
+    kurtosis, equally likely before the frame says which.
+    """
     assert normal.parameters is not None
-    change, variance = step.unknown_shape(normal.covariance, *_STRAIGHT)
+    straight = _may_be_straight(normal)
+    change, variance = step.unknown_shape(normal.covariance, *(_STRAIGHT if straight else (0.0, _WIDE)))
     if not np.all(np.isfinite(change)):
         return normal
+    if not straight:
+        share = _share_of_other_shapes(normal)
+        change, variance = share * change, share * (variance + (1 - share) * np.outer(change, change))
     every = parameter_names(normal.parameters, otf.names)
     vector, unravel = to_vector(normal.parameters)
     parameters = unravel(vector.at[np.array([every.index(name) for name in normal.names])].add(change))
     wider = normal.covariance + variance
     return replace(normal, parameters=parameters, covariance=wider, off_maximum=(change, variance))
+
+
+def _share_of_other_shapes(normal: FitResult) -> float:
+    """Return how likely a wide blur has another kurtosis than a normal's, by the kurtosis that it shows."""
+    with np.errstate(invalid="ignore"):
+        narrow, wide = (
+            scipy.stats.norm.logpdf(normal.shape, scale=scale)
+            for scale in (normal.shape_err, np.hypot(normal.shape_err, _WIDE))
+        )
+    return float(scipy.special.expit(np.nan_to_num(wide - narrow)))
 
 
 def _may_be_straight(normal: FitResult) -> bool:
@@ -274,6 +296,8 @@ def _fit_tiers(
                     return retry
         if fits:
             break
+    if tried.best.locus == NORMAL and tier == tiers[0] and not _may_be_straight(normal):
+        tried.fits[NORMAL] = _of_any_shape(normal, step, otf)  # by the same evidence
     return replace(_finalize(tried), straight=straight_blur(tried.fits, normal.shape_err, frame))
 
 

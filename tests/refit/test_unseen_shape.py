@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 from own_images import drift, star_image
 
 from jitterkit.batch.diagnose import classify
@@ -53,6 +54,44 @@ def test_a_drift_whose_shape_is_not_seen_has_the_mean_kurtosis_of_straight_blurs
     normal, _ = fit_locus("mvn", data, optics, near(2e5), start).moments()
     truth = 0.4**2 / 12 * np.cos(np.radians(25)) ** 2
     assert abs(moments[0] - truth) < 0.5 * abs(normal[0] - truth)
+
+
+def under_noise(path, major, minor, angle, points=5):
+    """Return a path whose every point is shaken normally, by Gauss-Hermite quadrature."""
+    nodes, shares = np.polynomial.hermite_e.hermegauss(points)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    return [
+        (x + major * u * c - minor * v * s, y + major * u * s + minor * v * c, share * p * q / (2 * np.pi))
+        for x, y, share in path
+        for u, p in zip(nodes, shares, strict=True)
+        for v, q in zip(nodes, shares, strict=True)
+    ]
+
+
+def test_a_wide_blur_that_may_be_normal_has_errors_that_hold_other_shapes(optics):
+    """A drift under noise has a kurtosis of about -0.4, and the moments of a normal are off by two errors."""
+    image = star_image(0.6, -1.1, 1e5, under_noise(drift(0.8, 25), 0.2, 0.15, 80)) + 2.0
+    data, start = Data(image, 9.0), np.array([0.06, 0.0, 0.04])
+    result = fit_best_locus(data, optics, near(1e5), start)
+    assert result.locus == "mvn"
+    assert abs(result.shape) < 3 * result.shape_err
+    normal = fit_locus("mvn", data, optics, near(1e5), start)
+    shaped = Priors({"shaped_kurtosis": (0.0, 0.75)})
+    free = fit_locus("shaped", data, optics, near(1e5), start, options=FitOptions(priors=shaped))
+    odds = scipy.stats.norm.pdf(result.shape, scale=np.hypot(0.75, result.shape_err))
+    odds /= scipy.stats.norm.pdf(result.shape, scale=result.shape_err)
+    share, (narrow, before), (wide, after) = odds / (1 + odds), normal.moments(), free.moments()
+    moments, covariance = result.moments()
+    expected = (1 - share) * before + share * after
+    expected += share * (1 - share) * np.outer(wide - narrow, wide - narrow)
+    # one step from the normal says less of the kurtosis than a fit of it
+    assert np.diag(covariance) == pytest.approx(np.diag(expected), rel=0.3)
+    off = moments - narrow - share * (wide - narrow)
+    assert np.all(np.abs(off) < 0.2 * np.sqrt(np.diag(covariance)))
+    truth = 0.8**2 / 12 + 0.2**2 + 0.15**2  # of both axes together
+    sums = [covariance[0, 0] + covariance[2, 2] + 2 * covariance[0, 2] for covariance in (before, covariance)]
+    assert narrow[0] + narrow[2] - truth > 1.2 * np.sqrt(sums[0])
+    assert abs(moments[0] + moments[2] - truth) < 0.4 * np.sqrt(sums[1])
 
 
 def test_an_unknown_kurtosis_never_narrows_an_error():
