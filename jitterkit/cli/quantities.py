@@ -16,8 +16,8 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d]
 _LEAST = 1e-60
 """The fourth power of its inverse is a number of 64 bits."""
 
-_LIKE = {"angle": "plate_scale", "time": "exposure"}
-"""Quantities of headers that have such units."""
+_CAPITAL_M = re.compile("M(?![iI])")
+"""A unit of mega, which only a header in capitals writes for milli; ``MIN`` and ``MILLISEC`` are none."""
 
 
 def parse_angle(text: str, option: str) -> float:
@@ -123,7 +123,8 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
     code, value = ErrorCode.MALFORMED, 0.0
     if (parts := _QUANTITY.fullmatch(text)) is not None:
         code, value = ErrorCode.OUT_OF_RANGE, float(parts[1])
-        said = factor(_LIKE[kind], parts[2])  # in the words of headers, else as astropy has it
+        mega = _CAPITAL_M.match(parts[2])
+        said = None if mega else factor(kind, parts[2])  # in the words of headers, else as astropy has it
         try:
             value *= Unit(parts[2]).to(unit) if said is None else float(said)
         except ValueError:

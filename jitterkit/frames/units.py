@@ -102,8 +102,8 @@ _METRES = {word: mm / 1e3 for word, mm in _MILLIMETRES.items() if mm not in (25.
 _METRES |= _spelled({1e-9: "nm nanometer nanometers nanometre nanometres"})
 _PIXELS = ("", "/pixel", "/pixels", "/pix", "/px", "/p")
 _FACTORS = {
-    "exposure": _SECONDS,
-    "line_time": _SECONDS,
+    **dict.fromkeys(("time", "exposure", "line_time"), _SECONDS),
+    "angle": _ARCSECONDS,
     "focal_length": _MILLIMETRES,
     "pixel_size": {word: 1e3 * value for word, value in _MILLIMETRES.items()},
     "plate_scale": {word + pixel: value for word, value in _ARCSECONDS.items() for pixel in _PIXELS},
@@ -112,6 +112,9 @@ _FACTORS = {
 }
 """Factors to the unit of a quantity, by the spelling of the unit; mm of a focal length, um of a pixel, m of a
 pupil, of its samples and of a wavelength."""
+
+_MEGA = re.compile(r"M(s|secs?|as|arcsecs?|m|rad)(?![a-z])")
+"""A symbol of mega that some write for milli; in a header in capitals, ``MS``, it is milli."""
 
 _SHORT = ("mm", "cm", "um", "µm", "ms")
 """Units of two letters that are no words."""
@@ -222,7 +225,7 @@ def factor(name: str, unit: str) -> float | str | None:
     Parameters
     ----------
     name : str
-        A field of :class:`~jitterkit.frames.metadata.Metadata`.
+        A field of :class:`~jitterkit.frames.metadata.Metadata`, ``"time"`` or ``"angle"``.
     unit : str
         As written in a header.
 
@@ -232,9 +235,10 @@ def factor(name: str, unit: str) -> float | str | None:
         The factor to the unit of the quantity; for what is counted ``"adu"`` or ``"electron"``; None of a
         unit that is unknown or has another dimension.
     """
-    if unit.strip(" []().,;:") == "Ms":  # of some milliseconds, of others megaseconds
+    unit = unit.strip(" []().,;:")
+    if _MEGA.match(unit):
         return None
-    word = re.sub(r"\s+per\s+|\s*/\s*", "/", unit.strip(" []().,;:").lower())
+    word = re.sub(r"\s+per\s+|\s*/\s*", "/", unit.lower())
     word = _APART.sub(r"\1", word)
     word = re.sub(r"^(in|rms)\s+|\s+\(?rms$", "", word)
     word = re.sub(r"/(read|readout|frame)$", "", word) if name == "read_noise" else word

@@ -167,6 +167,8 @@ def test_what_is_wrong_is_reported_in_a_sentence(arguments, code, values, check_
         ("2 microarcsec", 2e-6), ("1 nrad", 648e-6 / np.pi), ("2 deg", 7200.0), ("1\u00b0", 3600.0),
         *((text, ErrorCode.MALFORMED) for text in ("1 2 mas", "1,5mas", "mas")),
         *((text, ErrorCode.UNKNOWN_UNIT) for text in ("1", "1as", "1nm", "1 mas/s")),
+        *((text, ErrorCode.UNKNOWN_UNIT) for text in ("1 MAS", "1 Mas", "1 NM", "1mas/pixel", "1 mas/px")),
+        ("1 ARCSEC", 1.0), ("1 MILLIARCSEC", 1e-3), ("1 UAS", 1e-6), ("1 Mrad", 206264.80624709636e6),
         *((text, ErrorCode.OUT_OF_RANGE) for text in ("-1mas", "0 mas", "1e400mas")),
     ],
 )  # fmt: skip
@@ -193,6 +195,11 @@ def test_a_size_that_is_given_twice_is_refused(arguments, named, check_error):
 
 def test_angles_and_shares_are_read_with_their_units():
     assert parse_time("20 sec", "--budget") == 20.0
+    assert parse_time("2 MIN", "--budget") == 120.0
+    assert parse_time("1 Ms", "--budget") == pytest.approx(1e6)  # as SI has it
+    for text in ("1 MS", "1 MSEC", "1 s/frame"):
+        with refused(ErrorCode.UNKNOWN_UNIT, f"--budget {text}"):
+            parse_time(text, "--budget")
     assert parse_angle("3mas", "--target") == pytest.approx(3e-3)
     assert parse_allowed("5 %") == ("time", pytest.approx(0.05))
     assert parse_allowed("2uas") == ("bias", pytest.approx(2e-6))

@@ -85,7 +85,8 @@ NUMBERS = [
     None, "'<1'"),
     (*time("10/60/3"), None, "'10/60/3'"), (*time(True), None, "True"), (*time("30 coadds"), None, "coadds"),
     (*time("1.5d+02"), 150.0, ""), (*time("2.5 sec."), 2.5, ""), (*time("1/60 sec"), 1 / 60, ""),
-    (*time("1 Ms"), None, "Ms"), (*time("2 cs"), None, "cs"), (*time("1/60th"), None, "th"),
+    (*time("1 Ms"), None, "Ms"), (*time("1 Msec"), None, "Msec"), (*time("1 MS"), 1e-3, ""),
+    (*time("1 MIN"), 60.0, ""), (*time("2 cs"), None, "cs"), (*time("1/60th"), None, "th"),
     # units in other brackets, in two words, in another language
     (*time(2.0, "{ms}"), 0.002, ""), (*time(2.0, "<ms>"), 0.002, ""), (*time(2.0, "|ms|"), 0.002, ""),
     (*time(2.0, "[min.]"), 120.0, ""), (*time(2.0, "Exposure time/ms"), 0.002, ""),
@@ -93,6 +94,9 @@ NUMBERS = [
     0.002, ""),
     (*time(2.0, "Belichtungszeit in Millisekunden"), None, "Millisekunden"),
     (*time(2.0, "temps de pose en ms"), None, "ms"), (*time(2.0, "[0.1 s]"), None, "0.1 s"),
+    (*scale("[Mas/pix]"), None, "Mas"), (*scale("[ARCSEC/PIXEL]"), 0.4, ""),
+    (*scale("[MAS/PIXEL]", 400), 0.4, ""),
+    ({"FOCALLEN": (1000, "[Mm]"), "XPIXSZ": 3.8}, "plate_scale", None, "Mm"),
     (*scale("arc-minutes per pixel"), 24.0, ""), (*scale("arc sec per pixel"), 0.4, ""),
     (*scale("milli-arcsec per pixel"), 0.0004, "unusual"), (*scale("[mas/pix]", 400), 0.4, ""),
     # a count, a power of ten, a logarithm, another quantity
