@@ -163,13 +163,14 @@ _CONVERSIONS = ("PHOTMJSR", "FLUXCONV")
 
 _FROM_TOP = ("TOP-DOWN", "TOPDOWN", "TOP_DOWN", "TOP DOWN")
 
-_FROM_BOTTOM = ("BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+ROW_ORDERS = (*_FROM_TOP, "BOTTOM-UP", "BOTTOMUP", "BOTTOM_UP", "BOTTOM UP")
+"""Words of ``ROWORDER`` that say an order."""
 
 
 def rows_from_the_top(cards: Cards) -> bool:
     """Return whether the first stored row is the top one (``ROWORDER``); warn of an order that is neither."""
     order = cards.text("ROWORDER").upper()
-    if order not in ("", *_FROM_TOP, *_FROM_BOTTOM):
+    if order not in ("", *ROW_ORDERS):
         cards.warn(f"ROWORDER = {order!r} is neither TOP-DOWN nor BOTTOM-UP and is ignored")
     return order in _FROM_TOP
 

@@ -45,6 +45,7 @@ from jitterkit.detectors import Detector, detector_preset
 from jitterkit.detectors.characteristics import MAPS, ONLY_MAPS
 from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
 from jitterkit.frames import open_frames
+from jitterkit.frames.beside import ROW_ORDERS
 from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.units import resolve_unit
 from jitterkit.instruments.section import Section
@@ -118,8 +119,13 @@ def _placed_maps(section: Section) -> dict[str, Any]:
     for key in MAPS:
         if isinstance(section.values.get(key), str):
             with open_frames(section.path(key)) as frames:
-                orders |= {frames.metadata.row_order} if not frames.text("ROWORDER").strip() else set()
-                windows[key] = frames.metadata.window
+                order, windows[key] = frames.text("ROWORDER").upper(), frames.metadata.window
+                orders |= {frames.metadata.row_order} if order not in ROW_ORDERS else set()
+            if order not in ("", *ROW_ORDERS):
+                _LOG.warning(
+                    "%s: ROWORDER = %r is neither TOP-DOWN nor BOTTOM-UP and is ignored.",
+                    section.path(key), order
+                )  # fmt: skip
     return {"map_orders": tuple(sorted(orders)), "map_windows": windows}
 
 

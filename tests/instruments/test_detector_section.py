@@ -75,12 +75,16 @@ def test_maps_come_from_files_beside_the_toml_on_the_rows_of_the_frames(detector
     [
         (".fits", None, 1, False), (".fits", None, -1, True), (".fits", "BOTTOM-UP", -1, False),
         (".fits", "TOP-DOWN", 1, False), (".tif", None, -1, False), (".tif", None, 1, True),
+        (".fits", "UPSIDE", 1, False), (".fits", "UPSIDE", -1, True), (".fits", "", -1, True),
     ],
 )  # fmt: skip
 def test_a_map_whose_first_row_may_be_the_frames_last_is_doubted(
-    detector, tmp_path, suffix, rows, frame_order, doubted
+    detector, tmp_path, caplog, suffix, rows, frame_order, doubted
 ):
-    """The first row of an array is the lowest in a FITS, and the top one in a TIFF, which is turned over."""
+    """The first row of an array is the lowest in a FITS, and the top one in a TIFF, which is turned over.
+
+    A word that is no order says as little as none, and is named.
+    """
     path = tmp_path / f"bad{suffix}"
     if suffix == ".fits":
         write_fits(path, np.eye(6, 8), header={} if rows is None else {"ROWORDER": rows})
@@ -90,6 +94,7 @@ def test_a_map_whose_first_row_may_be_the_frames_last_is_doubted(
     known = Metadata(row_order=frame_order)
     frame = calibrate(RawFrame(np.arange(48.0).reshape(6, 8), metadata=known), camera)
     assert any("top row" in said for said in frame.metadata.warnings) == doubted
+    assert ("bad.fits: ROWORDER = 'UPSIDE'" in caplog.text) == (rows == "UPSIDE")
 
 
 @pytest.mark.parametrize(
