@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count, islice
 from pathlib import Path
@@ -49,8 +49,9 @@ class DirectoryWatcher:
         Its own files that :func:`~jitterkit.frames.find_files` would find, not those below it.
     hdu : int, optional
         To read in a FITS file, which is not complete without it.
-    done : container of (str, int)
-        Names of files, as in a table, and indices of frames that are not to be yielded again.
+    done : mapping from (str, int) to str, optional
+        Of frames that are not to be yielded again, by name of file, as in a table, and index: the digest of
+        their pixels, or an empty text.
 
     Attributes
     ----------
@@ -66,14 +67,17 @@ class DirectoryWatcher:
     A frame counts once: if it is rewritten, in a file of the same name, what was read first stays.  One that
     was yielded and could not be read (:meth:`retry`) is yielded again, with the content of the file then.
 
-    A file that has changed since its frames were yielded is warned of, unless there are more of them.
+    A file that has changed since its frames were yielded is warned of, unless there are more of them; so is
+    one with other pixels than those of frames that were done before.
 
     *Fails when* a writer adds to a file that was unchanged for a minute, or pauses for two scans while what
     it has written can be read: later changes of a frame are not seen.
     """
 
-    def __init__(self, directory: Path, hdu: int | None = None, done: Container = frozenset()) -> None:
-        self._directory, self._hdu, self._done = directory, hdu, done
+    def __init__(
+        self, directory: Path, hdu: int | None = None, done: Mapping[tuple[str, int], str] | None = None
+    ) -> None:
+        self._directory, self._hdu, self._done = directory, hdu, done or {}
         self._seen: dict[str, _Seen] = {}
         self._retired: dict[str, _Seen] = {}
         self.changed = self._lost = False
@@ -164,16 +168,28 @@ class DirectoryWatcher:
         seen.frames = _count(path, self._hdu) if is_whole(path, hdu=self._hdu) else 0
         seen.whole = seen.frames > 0
         rewritten = seen.uncertain and bool(seen.yielded)
+        replaced = not seen.uncertain and self._is_replaced(path, seen.frames)
         seen.uncertain = seen.uncertain or not seen.whole
         for item in self._missing(seen, path, range(seen.frames)):
             rewritten = False
             seen.yielded.add(item[1])
             yield item
-        if seen.whole and rewritten:
+        if seen.whole and (rewritten or replaced):
             warning = (
                 "%s has changed since it was read, and what was read first stays: give new frames new names."
             )
             log.warning(warning, printable(path))
+
+    def _is_replaced(self, path: Path, frames: int) -> bool:
+        """Return whether a file has other pixels than those of its frames that were done before."""
+        digests = [self._done.get((printable(path.name), index), "") for index in range(frames)]
+        if not any(digests):
+            return False
+        try:
+            with open_frames(path, hdu=self._hdu) as file:
+                return any(digest and file[n].digest != digest for n, digest in enumerate(digests))
+        except JitterkitError:  # changed since it was whole
+            return False
 
     def _missing(self, seen: _Seen, path: Path, indices: Iterable[int]) -> Iterator[Item]:
         """Return the frames that have not been yielded, in this session or before."""

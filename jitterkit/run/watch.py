@@ -112,8 +112,8 @@ def watch_directory(
     Notes
     -----
     A frame counts once.  What was read first stays: a file that is rewritten under its name is not processed
-    again, in this session or in one that resumes it.  A frame that cannot be read, though its file was whole
-    before, is no row yet: it is tried again when the file changes, and at the end.
+    again, in this session or in one that resumes it, and is warned of.  A frame that cannot be read, though
+    its file was whole before, is no row yet: it is tried again when the file changes, and at the end.
     """
     directory, output = Path(directory), Path(output)
     if not directory.is_dir():
@@ -138,14 +138,14 @@ def watch_directory(
 
 def _report_earlier_rows(
     store: Store, mark: Callable[[Row], Row], callback: Callable[[Row], None]
-) -> frozenset[tuple[str, int]]:
-    """Report the rows of an earlier session; return the names of their files and their indices."""
-    reported = set()
+) -> dict[tuple[str, int], str]:
+    """Report the rows of an earlier session; return their digests by name of file and index."""
+    reported = {}
     for row in store.rows():
         callback(mark(row))
         # the directory may have been named otherwise
-        reported.add((row["file"], row["frame"]))
-    return frozenset(reported)
+        reported[row["file"], row["frame"]] = row["digest"]
+    return reported
 
 
 Burst = Iterator[tuple[Item, ...]]

@@ -64,7 +64,7 @@ def test_a_file_that_rests_unfinished_is_taken_when_it_is_finished_later(small, 
 
 
 def test_frames_that_are_added_to_a_file_are_taken_and_none_twice(tmp_path):
-    watcher, path = DirectoryWatcher(tmp_path, done={("a.tif", 1)}), tmp_path / "a.tif"
+    watcher, path = DirectoryWatcher(tmp_path, done={("a.tif", 1): ""}), tmp_path / "a.tif"
     for pages, expected in ((1, [("a.tif", 0)]), (3, [("a.tif", 2)]), (4, [("a.tif", 3)])):
         write_tiff(path, np.ones((pages, 8, 8), np.uint16), overwrite=True)
         assert [scanned(watcher) for _ in range(3)] == [[], expected, []]
@@ -193,7 +193,7 @@ def test_a_file_is_whole_with_the_hdu_that_was_asked_for_and_not_before(tmp_path
 
 def test_frames_that_nobody_asked_for_are_counted(small, tmp_path):
     write_tiff(tmp_path / "a.tif", np.ones((3, 8, 8), np.uint16))
-    watcher = DirectoryWatcher(tmp_path, done={("c.fits", 0)})
+    watcher = DirectoryWatcher(tmp_path, done={("c.fits", 0): ""})
     scanned(watcher)
     for name in ("b.fits", "c.fits", "d.fits"):
         (tmp_path / name).write_bytes(small)

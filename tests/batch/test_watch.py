@@ -202,3 +202,18 @@ def test_a_file_of_many_frames_that_is_cut_is_reported_and_resumed(cube, process
     table = watch_directory("camera", out, processor, idle=3, resume=True, sleep=Camera()).table
     assert list(table["frame"]) == [0, 1, 2]
     assert set(table["status"]) == {"ok"}
+
+
+def test_a_file_that_was_replaced_between_sessions_is_warned_of(cube, processor, night, tmp_path, caplog):
+    """Frames that were added are processed; what has another time or packing alone is the same file."""
+    out, alone = tmp_path / "out", cube.parent / night[0].name
+    copies(night[:1], cube.parent)[0]()
+    watch_directory(cube.parent, out, processor, idle=3, sleep=Camera())
+    frames = [frame.data for frame in read_frames(cube)]
+    write_fits(alone, next(iter(read_frames(alone))).data.astype(np.float64), overwrite=True)
+    for last, warned in ((frames[2], []), (frames[2] + 1, [(str(cube),)])):
+        caplog.clear()
+        write_fits(cube, np.array([*frames[:2], last, frames[0]], np.float32), overwrite=True)
+        table = watch_directory(cube.parent, out, processor, idle=3, resume=True, sleep=Camera()).table
+        assert [record.args for record in caplog.records] == warned
+        assert list(table["file"]) == [alone.name, *[cube.name] * 4]
