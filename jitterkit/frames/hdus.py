@@ -161,6 +161,7 @@ def frame_groups(hdus: Sequence[Hdu], hdu: int | None) -> list[Group]:
         groups[0].warnings.append(f"{first.label} is read as an image; its name says that it describes one")
     for group in groups if first.role == "" else []:
         group.add(_beside(group.image, chips, science, hdus))
+        group.warnings += _of_others(group, chips, hdus)
     return groups
 
 
@@ -179,6 +180,18 @@ def _beside(image: Hdu, chips: list[Hdu], science: list[Hdu], hdus: Sequence[Hdu
     after = [one.number for one in science if one.number > image.number]
     end = min(after, default=math.inf)
     return own + [one for one in hdus if image.number < one.number < end]
+
+
+def _of_others(group: Group, chips: list[Hdu], hdus: Sequence[Hdu]) -> list[str]:
+    """Warn of a mask or an error that an image lacks and a later one has, by the order of the file alone."""
+    image, has = group.image, {role == "quality" for role in group.parts}
+    later = (one for one in hdus if one.role not in ("", "none") and one.number > image.number)
+    alike = (one for one in later if not one.detector and one.shape[-2:] == image.shape[-2:])
+    lacking = next((one for one in alike if (one.role == "quality") not in has), None)
+    if lacking is None or [chip.version for chip in chips].count(image.version) == 1:
+        return []
+    said = f"{lacking.label} is not used for {image.label}, as it follows another image"
+    return [f"{said}: give each its own, or number them by EXTVER"]
 
 
 _MOST_HEADER_BLOCKS, _MOST_BLOCKS = 1000, 20000

@@ -122,6 +122,29 @@ def test_every_chip_of_hst_is_a_frame_with_its_own_error_and_quality(tmp_path):
     assert (first.unit, first.metadata.warnings) == ("electron", ())
 
 
+@pytest.mark.parametrize(
+    ("layout", "masked", "warned"),
+    [
+        ("SCI SCI DQ", [1], [0]), ("SCI DQ SCI DQ", [0, 1], []), ("SCI DQ SCI", [0], []),
+        ("SCI,1 SCI,2 DQ,2", [1], []), ("SCI,1 SCI,2 DQ,1", [0], []), ("SCI1 SCI2 DQ2", [1], []),
+        ("SCI,1 SCI,1 DQ,1", [1], [0]), ("SCI ERR SCI DQ", [1], [0]), ("IMG1 IMG2 MASK", [1], [0]),
+        ("SCI SCI SCI DQ", [2], [0, 1]), ("SCI DQ", [0], []),
+    ],
+)  # fmt: skip
+def test_a_mask_that_follows_several_images_without_numbers_is_doubted(tmp_path, layout, masked, warned):
+    """By the order it is that of the image before it alone; EXTVER, or a digit of its name, may say it."""
+    named = [name.split(",") for name in layout.split()]
+    images = [SCI if not name[0].startswith(("DQ", "MASK")) else plane(p12=1) for name in named]
+    hdus = [hdu(name[0], image, *map(int, name[1:])) for name, image in zip(named, images, strict=True)]
+    path = written(tmp_path, *hdus)
+    frames = list(read_frames(path))
+    assert [n for n, frame in enumerate(frames) if frame.mask.any()] == masked
+    said = ["as it follows another image" in " ".join(frame.metadata.warnings) for frame in frames]
+    assert [n for n, found in enumerate(said) if found] == warned
+    (alone,) = read_frames(path, hdu=frames[0].hdu)
+    assert ("as it follows another image" in " ".join(alone.metadata.warnings)) == (0 in warned)
+
+
 def test_one_chip_can_be_chosen_with_what_belongs_to_it(tmp_path):
     (frame,) = read_frames(flc(tmp_path), hdu=4)
     assert (positions(frame.mask), frame.variance_source) == (["p00"], "ERR (HDU 5)")
