@@ -85,6 +85,9 @@ class Group:
 
     def _unused(self, other: Hdu) -> str:
         """Say why what seems to describe the pixels of the image is not used; empty of anything else."""
+        if other.may_list_bad_pixels and "quality" not in self.parts:
+            said = f"{other.label} is a table that may list bad pixels, and is not read"
+            return f"{said}: write them as an image called DQ, not zero where bad"
         used = self.parts.get(other.role)
         alike = other.is_image and other.shape[-2:] == self.image.shape[-2:]
         if alike and other.words("HDUCLAS3").upper() == "MASKZERO":

@@ -123,6 +123,32 @@ def test_every_chip_of_hst_is_a_frame_with_its_own_error_and_quality(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "columns", "doubted"),
+    [
+        ("BADPIX", "RAWX RAWY TYPE YEXTENT BADFLAG", True), ("BPM", "TIME", True), ("", "x y", True),
+        ("", "TYPE PIX", True), ("DEFECTS", "region", True), ("MASK", "COL1 COL2", True),
+        ("CATALOG", "X Y FLUX", False), ("EVENTS", "TIME X Y PI", False), ("", "X", False),
+        ("HDRTAB", "ROOTNAME FILENAME", False), ("GTI", "START STOP", False),
+        ("ASDF", "ASDF_METADATA", False),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("kind", [fits.BinTableHDU, fits.TableHDU])
+def test_a_table_of_bad_pixels_is_named(tmp_path, name, columns, doubted, kind):
+    columns = [
+        fits.Column(one, "I" if kind is fits.BinTableHDU else "I5", array=[2]) for one in columns.split()
+    ]
+    table = kind.from_columns(columns, name=name)
+    path = written(tmp_path, fits.PrimaryHDU(SCI), table)
+    (frame,) = read_frames(path)
+    said = "is a table that may list bad pixels" in " ".join(frame.metadata.warnings)
+    assert (said, frame.mask.any()) == (doubted, False)
+    (frame,) = read_frames(
+        written(tmp_path, fits.PrimaryHDU(SCI), table, hdu("DQ", plane(p12=1)), name="b.fits")
+    )
+    assert frame.metadata.warnings == ()
+
+
+@pytest.mark.parametrize(
     ("layout", "masked", "warned"),
     [
         ("SCI SCI DQ", [1], [0]), ("SCI DQ SCI DQ", [0, 1], []), ("SCI DQ SCI", [0], []),
