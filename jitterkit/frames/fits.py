@@ -25,8 +25,9 @@ from jitterkit.frames.fitsimage import FitsImage
 from jitterkit.frames.fitsio import PlainHeader, all_hdus
 from jitterkit.frames.frame import RawFrame
 from jitterkit.frames.framefile import FrameFile, translated
+from jitterkit.frames.group import Group
 from jitterkit.frames.hdu import Hdu
-from jitterkit.frames.hdus import Group, find_images, is_science, read_hdus
+from jitterkit.frames.hdus import find_images, is_science, read_hdus
 from jitterkit.frames.pixels import open_pixels
 
 

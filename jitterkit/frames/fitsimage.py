@@ -16,8 +16,8 @@ from jitterkit.frames.dialects import CAPTURE_PROGRAM, SOFTWARE_KEYS
 from jitterkit.frames.doubts import READS
 from jitterkit.frames.files import in_colour
 from jitterkit.frames.frame import RawFrame
+from jitterkit.frames.group import Group
 from jitterkit.frames.hdu import Hdu
-from jitterkit.frames.hdus import Group
 from jitterkit.frames.header import resolve
 from jitterkit.frames.metadata import Sourced
 from jitterkit.frames.pixels import open_pixels

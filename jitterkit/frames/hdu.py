@@ -63,13 +63,6 @@ _DESCRIBES = re.compile(
 )
 """In names that are none of these, and may be of something that is said about pixels too."""
 
-_BAD_NAME = re.compile(r"MA?SK|BAD|HOT|DEAD|DEFECT|BPM|FLA?G|QUAL|(?<![A-Z])DQ")
-_BAD_COLUMNS = re.compile(
-    r"(RAW|DET|CCD|PIX)?_?[XY]_?([12]|MIN|MAX|START|END|SIZE|PIX\w*)?|(COL|ROW|LINE)(UMN)?S?_?[12]?|[IJ]"
-    r"|PIX(EL)?S?|TYPE|CODE|FLAGS?|STATUS|DQ|QUAL(ITY)?|VALUE|[XY]?EXTENT|BAD(FLAG|PIX\w*)?|N|ID|NUM(BER)?"
-)
-"""Name of a table that may list bad pixels; and columns of such a list, where it has no others."""
-
 _ESO_ROLES = {
     "QUALITY": "quality",
     "MSE": "variance",
@@ -266,13 +259,6 @@ class Hdu:
     def columns(self) -> list[str]:
         """Names of the columns of a table, or of the table in which an image is packed."""
         return [self.words(f"TTYPE{n}") for n in range(1, self.whole("TFIELDS", 0) + 1)]
-
-    @property
-    def may_list_bad_pixels(self) -> bool:
-        """Return whether a table seems to list bad pixels, by its name, or as it has no columns but such."""
-        columns = [column.upper() for column in self.columns]
-        listed = len(columns) > 1 and all(map(_BAD_COLUMNS.fullmatch, columns))
-        return self.what == "a table" and (listed or _BAD_NAME.search(self.name) is not None)
 
     @property
     def title(self) -> str:
