@@ -21,6 +21,7 @@ _PICTURE, _LEVELS = "calibration.png", "photon_transfer.ecsv"
 
 
 def calibrate(
+    context: typer.Context,
     *,
     output: options.OutputDirectory,
     bias: list[Path] | None = None,
@@ -78,6 +79,14 @@ def calibrate(
     from jitterkit.report.outputs import check_directory
 
     check_directory(output, (*FILES, _PICTURE, _LEVELS), overwrite)
+    for useless, names, why in (
+        (flat, ("gain",), "is not used beside flats, which measure it"),
+        (bias, ("bias_level",), "is not used beside bias frames, which measure it"),
+        (not dark and not flat, ("exposure",), "is that of darks and flats"),
+        (not dark, ("hot",), "is for darks"),
+        (not flat, ("dead", "smooth"), "is for flats"),
+    ):
+        options.refuse_given(context, names if useless else (), why)
     telescope = load_instrument(instrument)
     chosen = Settings(clip=clip, hot=hot, dead=dead, smooth=smooth, memory=memory * 1e6)
     biases = open_stacks("bias", bias)[0] if bias else None

@@ -120,13 +120,16 @@ def estimate(
     paths = find_files(files)
     replaced = "--reference" if reference is not None else "--stars" if stars else ""
     _check_method(replaced, blind, estimator)
+    roundest = str(reference) == _ROUNDEST
+    problem = "--no-stars is for a --reference FILE that shows no stars; leave it out."
+    refuse_if(stars is False and not blind and (reference is None or roundest), ErrorCode.CONFLICT, problem)
     exports.check(estimator)
     if replaced or blind:
         _check_no_optics(instrument, scene, background, model_error)
     if output is not None:
         check_table(output, overwrite)
     exports.check_directories(overwrite)
-    sharp = None if reference is None or str(reference) == _ROUNDEST else _first_frame(reference)
+    sharp = None if reference is None or roundest else _first_frame(reference)
     prepare_jax()
     from jitterkit.report.table import write_table
     from jitterkit.run.estimate import estimate_files
@@ -136,7 +139,7 @@ def estimate(
     if replaced or blind:
         from jitterkit.batch.scene_blur import SceneBlurEstimator, sharpest
 
-        if str(reference) == _ROUNDEST:
+        if roundest:
             sharp, stars = sharpest(paths, hdu), True
             log(f"{sharp.name} is the roundest and serves as reference")
         blur_estimator = SceneBlurEstimator(sharp, stars, estimator or "blind", metadata)

@@ -24,11 +24,11 @@ _DETECTOR = ("gain", "read_noise", "full_well")
 _SCENE = ("separation", "theta", "x", "y", "flux", "contrast")
 
 _SCENES = {
-    "star": (*options.OF_PAIRS, "sweep", "allow"),
+    "star": (*options.OF_PAIRS, "sweep", "allow", "target"),
     "binary": (),
-    "stars": (*options.OF_PAIRS, "flux", "sweep", "allow"),
+    "stars": (*options.OF_PAIRS, "flux", "sweep", "allow", "target"),
 }
-"""Scenes, and the options that each one does not use: sweeps and allowances are about the separation."""
+"""Scenes, and options that each one does not use: sweeps, allowances and targets are of the separation."""
 
 
 def forecast(
@@ -75,8 +75,14 @@ def forecast(
     products.check()
     sweeps, goal, sizes = parse_sweeps(sweep or []), parse_angle(target, "--target"), jitter.size_values()
     options.check_scene_options(scene, stars, _SCENES, context)
+    bias = allow is not None and parse_allowed(allow)[0] == "bias"
+    options.refuse_given(context, () if bias else ("fitted",), "is for an --allow of bias, such as 1uas")
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)
+        options.refuse_given(context, ("target",), "is not used with --allow")
+    problem = f"--sweep replaces {', '.join(sorted(sizes.keys() & sweeps))}; give each once."
+    refuse_if(not sizes.keys().isdisjoint(sweeps), ErrorCode.DUPLICATE, problem)
+    options.refuse_given(context, sweeps.keys() & {*_SCENE}, "is swept")
     telescope = open_instrument(instrument)
 
     setup = _Setup(telescope, jitter.locus, sizes, pair.of(scene, telescope), options.read_stars(stars))

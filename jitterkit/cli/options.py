@@ -30,7 +30,7 @@ kind : bins|curve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -193,6 +193,19 @@ def sources(values: Mapping[str, float], stars: Stars | None) -> Scene:
     return scene if stars is None else scene.joined(FurtherStars(*stars.sources()))
 
 
+def refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Refuse options that were given and would have no effect; ``why`` follows the option in the sentence.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    for name in names:
+        source, option = context.get_parameter_source(name), f"--{name.replace('_', '-')}"
+        given = source is not None and source.name == "COMMANDLINE"
+        refuse_if(given, ErrorCode.CONFLICT, f"{option} {why}; leave it out.")
+
+
 def check_scene_options(
     scene: str, stars: Path | None, unused: Mapping[str, Collection[str]], context: typer.Context
 ) -> None:
@@ -202,10 +215,7 @@ def check_scene_options(
     ------
     ConfigurationError
     """
-    for name in unused[one_of("scene", scene, unused)]:
-        source = context.get_parameter_source(name)
-        given = source is not None and source.name == "COMMANDLINE"
-        refuse_if(given, ErrorCode.CONFLICT, f"--scene {scene} does not use --{name}; leave it out.")
+    refuse_given(context, unused[one_of("scene", scene, unused)], f"is not used by --scene {scene}")
     problem = "--scene stars needs their table: give --stars."
     refuse_if(scene == "stars" and stars is None, ErrorCode.MISSING_VALUE, problem)
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 def photons(
+    context: typer.Context,
     *,
     instrument: options.InstrumentName = "toliman",
     spectrum_a: Path | None = None,
@@ -60,6 +61,8 @@ def photons(
         Draw spectra and throughput.
     """
     products.check()
+    unused = ("temperatures",) if spectrum_a is not None and spectrum_b is not None else ()
+    options.refuse_given(context, unused, "is for stars without a spectrum")
     telescope = open_instrument(instrument)
     from jitterkit.photons import collecting_area, compare, count_photons
 

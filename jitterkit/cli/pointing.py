@@ -15,7 +15,7 @@ from jitterkit.cli.loci import build_locus, refuse_other_motions
 from jitterkit.cli.options import Jitter, required
 from jitterkit.cli.quantities import parse_number
 from jitterkit.cli.runtime import log, naming
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 
 _SLOW = ("linear", "path", "partial", "smear")
 """Loci that a slow motion makes, which matters to a rolling shutter."""
@@ -71,9 +71,11 @@ class Motion:
         Raises
         ------
         ConfigurationError
-            If two motions are given, or one that cannot be used.
+            If two motions are given, one that cannot be used, or the kind of a spectrum without one.
         """
         sizes, locus = jitter.size_values(), jitter.locus
+        useless = self.kind is not None and self.spectrum is None
+        refuse_if(useless, ErrorCode.CONFLICT, "--kind is for a --spectrum; leave it out.")
         if self.spectrum is not None:
             refuse_other_motions("--spectrum", locus, sizes, trace=self.trace, drift=self.drift)
             return shaken(self.spectrum, telescope, frames, row_order, generator, self.kind)

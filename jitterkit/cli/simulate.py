@@ -69,6 +69,8 @@ def simulate(
     paths = _paths(output, frames)
     _check_paths(paths, overwrite)
     options.check_scene_options(scene, stars, _SCENES, context)
+    drawn_too = ("dither", *(("theta",) if scene == "binary" else ()))
+    options.refuse_given(context, drawn_too if scatter else (), "has no effect beside --scatter")
     telescope = open_instrument(instrument)
     import numpy as np
 

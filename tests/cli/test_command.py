@@ -110,3 +110,37 @@ def test_no_option_takes_a_number_whose_square_is_not_finite_or_nothing(number):
 def test_every_option_of_every_command_has_help(command):
     for option in typer.main.get_command(app).commands[command].params:
         assert option.help, option.name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "named"),
+    [
+        ("forecast -i plain --fitted mvn", ErrorCode.CONFLICT, "--fitted"),
+        ("forecast -i plain --fitted mvn --allow 10%", ErrorCode.CONFLICT, "--fitted"),
+        ("forecast -i plain --target 1uas --allow 10%", ErrorCode.CONFLICT, "--target"),
+        ("forecast -i plain --target 1uas --scene star", ErrorCode.CONFLICT, "--target"),
+        ("forecast -i plain --flux 1e5 --sweep flux=1e5,1e6", ErrorCode.CONFLICT, "--flux"),
+        (
+            "forecast -i plain --locus linear --length 1 --sweep length=1,2",
+            ErrorCode.DUPLICATE,
+            "--sweep replaces length",
+        ),
+        ("simulate a.fits -i plain --scatter --dither 1", ErrorCode.CONFLICT, "--dither"),
+        ("simulate a.fits -i plain --scatter --theta 1", ErrorCode.CONFLICT, "--theta"),
+        ("simulate a.fits -i plain --kind bins", ErrorCode.CONFLICT, "--kind"),
+        ("photons --spectrum-a a --spectrum-b b --temperatures 5 6", ErrorCode.CONFLICT, "--temperatures"),
+        ("calibrate -o out --flat a --gain 2", ErrorCode.CONFLICT, "--gain"),
+        ("calibrate -o out --bias a --bias-level 2", ErrorCode.CONFLICT, "--bias-level"),
+        ("calibrate -o out --bias a --exposure 2", ErrorCode.CONFLICT, "--exposure"),
+        ("calibrate -o out --flat a --hot 9", ErrorCode.CONFLICT, "--hot"),
+        ("calibrate -o out --dark a --dead 0.4", ErrorCode.CONFLICT, "--dead"),
+        ("calibrate -o out --bias a --smooth", ErrorCode.CONFLICT, "--smooth"),
+        ("estimate a.fits -i plain --no-stars", ErrorCode.CONFLICT, "--no-stars"),
+        ("estimate a.fits --reference roundest --no-stars", ErrorCode.CONFLICT, "--no-stars"),
+    ],
+)
+def test_an_option_without_effect_is_refused(arguments, code, named, tmp_path, monkeypatch, check_error):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.fits").touch()
+    words = arguments.split()
+    check_error(CliRunner().invoke(app, [*words, *["--overwrite"] * (words[0] == "simulate")]), code, named)

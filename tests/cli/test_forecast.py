@@ -80,7 +80,7 @@ def test_a_third_star_far_away_costs_the_separation_little_and_a_near_one_more(t
     [
         ([], ErrorCode.MISSING_VALUE, ["--stars"]),
         (["--stars", "none.csv"], ErrorCode.NOT_FOUND, ["none.csv"]),
-        (["--stars", "none.csv", "--flux", "3"], ErrorCode.CONFLICT, ["--scene stars", "--flux"]),
+        (["--stars", "none.csv", "--flux", "3"], ErrorCode.CONFLICT, ["--flux", "--scene stars"]),
         (["--stars", "none.csv", "--sweep", "x=1,2"], ErrorCode.CONFLICT, ["--sweep"]),
     ],
 )
