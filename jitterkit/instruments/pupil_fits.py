@@ -88,6 +88,11 @@ def pupil_arrays(
     transmission = _amplitude(path, amplitude)
     where, candidates = (path, images) if opd is None else opd
     errors = [image for image in candidates if _is_opd(image)] or list(candidates if opd else ())
+    cube = bool(errors) and errors[0].pixels.ndim == 3
+    for option, value, used in (("--opd-unit", opd_unit, errors), ("--plane", plane, cube)):
+        if value is not None and not used:
+            problem = f"{path}: {option} {value} is of a {'wavefront error' if used is errors else 'cube'}"
+            raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, and there is none; leave it out.")
     wavefront = np.zeros_like(transmission)
     if errors:
         wavefront = _wavefront(where, errors[0], transmission, opd_unit, plane)
