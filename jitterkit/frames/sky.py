@@ -206,6 +206,7 @@ def usable_part(whole: Any) -> tuple[Any | None, tuple[str, ...]]:
         kinds = [kind for kind in whole.wcs.ctype if _NEARLY_CELESTIAL.match(kind)]
         return None, tuple(f"the WCS is ignored: {kind!r} is no celestial axis" for kind in kinds[:1])
     celestial = whole.celestial
+    celestial.wcs.radesys = celestial.wcs.radesys.upper()  # astropy knows no fk5
     if {whole.wcs.lng, whole.wcs.lat} != {0, 1}:
         return None, ("the WCS has the sky along other axes than those of the image and is ignored",)
     matrix = celestial.pixel_scale_matrix

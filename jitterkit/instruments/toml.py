@@ -226,7 +226,7 @@ _LARGEST = 100.0
 def _telescope(section: Section) -> dict[str, Any]:
     diameter = section.number("diameter")
     if diameter is not None and not 0 < diameter <= _LARGEST:
-        section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", f"give a positive one of {_LARGEST:g} m at most")
+        section.refuse(ErrorCode.OUT_OF_RANGE, "diameter", f"give it in m, above 0 and up to {_LARGEST:g} m")
     if "pupil" in section:
         for key in (key for key in section.values if key not in ("pupil", "diameter")):
             section.refuse(ErrorCode.CONFLICT, key, "leave it out: the pupil file says it")
@@ -241,6 +241,9 @@ def _telescope(section: Section) -> dict[str, Any]:
     if not 0 <= options["obscuration"] < diameter:
         remedy = f"give its diameter in m, less than the aperture's {diameter:g}"
         section.refuse(ErrorCode.OUT_OF_RANGE, "obscuration", remedy)
+    if options["strut_width"] >= diameter:
+        remedy = f"give it in m, less than the aperture's {diameter:g}"
+        section.refuse(ErrorCode.OUT_OF_RANGE, "strut_width", remedy)
     for key, least in (("struts", 0), ("strut_width", 0.0), ("samples", 16)):
         if options[key] < least:
             section.refuse(ErrorCode.OUT_OF_RANGE, key, f"give at least {least}")

@@ -22,6 +22,9 @@ from jitterkit.optics.pupil import Pupil
 from jitterkit.optics.spectrum import Spectrum
 from jitterkit.precision import single, to_parts
 
+_MOST_SAMPLES = 4096
+"""A pupil that needs more takes gigabytes, and has its diameter in another unit."""
+
 _DEPENDENT = 1e-10
 """Eigenvalue, of the largest, below which products of modes count as sums of others: errors of 1e-5."""
 
@@ -73,13 +76,16 @@ def grid_for(
     period = shortest / pupil.pitch / ARCSEC
     width = max(grid.fine_shape) * grid.pitch
     if width > period:
-        raise ConfigurationError(
-            ErrorCode.SAMPLING,
-            f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
-            f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec; give the pupil at least "
-            f"{int(np.ceil(len(pupil.transmission) * width / period))} samples ([telescope] samples of an "
-            "instrument file), or a smaller frame ([instrument] shape).",
+        samples = int(np.ceil(len(pupil.transmission) * width / period))
+        remedy = (
+            f"give the pupil at least {samples} samples ([telescope] samples of an instrument file)"
+            if samples <= _MOST_SAMPLES
+            else f"check units (its diameter is {pupil.diameter:g} m, a pixel {plate_scale:g} arcsec)"
         )
+        problem = f"The padded frame is {width:.4g} arcsec wide but the image of a pupil sampled "
+        problem += f"{pupil.pitch:.3g} m apart repeats every {period:.4g} arcsec"
+        remedy += ", or give a smaller frame ([instrument] shape)"
+        raise ConfigurationError(ErrorCode.SAMPLING, f"{problem}; {remedy}.")
     return grid
 
 

@@ -115,6 +115,21 @@ def test_the_position_angle_is_from_the_north_of_icrs_in_every_frame(ctype, rade
     assert abs(apart(got, expected)) < 1e-3  # 1e-7 degrees of the two steps in half a pixel of 1e-4
 
 
+@pytest.mark.parametrize("key", ["RADESYS", "RADECSYS"])
+@pytest.mark.parametrize(
+    ("name", "equinox"), [("fk5", 1975.0), ("Fk4", 1950.0), ("fk4-no-e", 1950.0), ("icrs ", 2000.0)]
+)
+def test_the_frame_of_coordinates_may_be_in_lower_case(key, name, equinox):
+    given, upper = (tangent(rotation=33.0).to_header() for _ in range(2))
+    for cards, text in ((given, name), (upper, name.upper())):
+        cards.remove("RADESYS", ignore_missing=True)
+        cards.update({key: text, "EQUINOX": equinox})
+    (made, warnings), (expected, _) = celestial_wcs(plain(given)), celestial_wcs(plain(upper))
+    assert warnings == []
+    angle = sky_position_angle(expected, 20.0, 100.0, 57.0)
+    assert sky_position_angle(made, 20.0, 100.0, 57.0) == pytest.approx(angle, abs=1e-9)
+
+
 def test_axes_in_the_other_order_give_the_same_angle():
     wcs = tangent(rotation=33.0)
     other = WCS(naxis=2)

@@ -113,6 +113,14 @@ def test_a_resolution_that_no_camera_samples_is_said(toml, caplog, was, becomes,
     assert [said in text and "units" in text for text in caplog.messages] == [True] * bool(said)
 
 
+@pytest.mark.parametrize(
+    ("diameter", "named"), [("80", ("80 m", "0.3 arcsec")), ("0.5", ("[telescope] samples",))]
+)
+def test_a_diameter_in_millimetres_is_not_answered_by_a_number_of_samples(toml, diameter, named):
+    with refused(ErrorCode.SAMPLING, *named):
+        read_instrument(toml(LEAST.replace("= 0.1", f"= {diameter}\nsamples = 64"))).system()
+
+
 def test_a_base_fills_what_is_not_said_and_keeps_its_sources(toml):
     bed = read_instrument(toml('[instrument]\nbase = "smallsat"\nexposure = 2\n[detector]\ngain = 1.0\n'))
     base = load_instrument("smallsat")
@@ -233,6 +241,7 @@ def test_lines_may_be_weighted(toml):
         ("[500, 600]", "[500, inf]", ErrorCode.OUT_OF_RANGE, ("[spectrum] band = [500, inf]", "nm")),
         ("diameter = 0.1", 'pupil = "no.npz"', ErrorCode.CONFLICT, ("[telescope] obscuration = 0.03",)),
         ("obscuration = 0.03", "obscuration = 0.3", ErrorCode.OUT_OF_RANGE, ("obscuration = 0.3;", "0.1.")),
+        ("strut_width = 0.002", "strut_width = 2", ErrorCode.OUT_OF_RANGE, ("strut_width = 2;", "m", "0.1.")),
         ("strut_width = 0.002", "", ErrorCode.MISSING_VALUE, ("[telescope]", "strut_width")),
         ("struts = 4", "struts = 4.5", ErrorCode.WRONG_TYPE, ("[telescope] struts = 4.5",)),
         ("struts = 4", "struts = -4", ErrorCode.OUT_OF_RANGE, ("[telescope] struts = -4", "least 0")),
