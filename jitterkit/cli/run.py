@@ -20,7 +20,7 @@ from jitterkit.cli import options
 from jitterkit.cli.frame_fit import FrameFit, Plan
 from jitterkit.cli.progress import live_screen, run_progress
 from jitterkit.cli.runtime import LISTED, SOME_FAILED, as_interrupt, command_line, log, until_interrupted
-from jitterkit.errors import ErrorCode, FrameError, printable, refuse_if
+from jitterkit.errors import ErrorCode, printable, refuse_if
 from jitterkit.report.flags import decode_flags
 from jitterkit.report.words import angle_size, by_scale, ellipse_size, with_error
 
@@ -245,9 +245,9 @@ def watch(
     poll : SECONDS
         How often to look for new files.
     """
-    if not directory.is_dir():
-        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
-        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
+    from jitterkit.frames.files import require_directory
+
+    require_directory(directory)
     run.check(output)
     processor = fit.processor()
     from jitterkit.run.watch import watch_directory

@@ -111,6 +111,13 @@ def _expand(path: Path) -> list[Path]:
     return files
 
 
+def require_directory(directory: Path) -> None:
+    """Raise FrameError unless a path is a directory, to be watched for frames."""
+    if not directory.is_dir():
+        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
+        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
+
+
 def may_be_frames(entry: Path | os.DirEntry[str]) -> bool:
     """Return whether an entry of a directory is a file with one of :data:`EXTENSIONS`, and not hidden."""
     name = entry.name.lower()

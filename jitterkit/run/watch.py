@@ -23,6 +23,7 @@ from jitterkit.batch.executor import execute
 from jitterkit.batch.plan import PLAN, Batch, Item
 from jitterkit.batch.store import Store
 from jitterkit.errors import ErrorCode, FrameError, printable
+from jitterkit.frames.files import require_directory
 from jitterkit.refit import Status
 from jitterkit.report.row import Row
 from jitterkit.run.process import Run, keep, prepare_run, write_outputs
@@ -116,9 +117,7 @@ def watch_directory(
     its file was whole before, is no row yet: it is tried again when the file changes, and at the end.
     """
     directory, output = Path(directory), Path(output)
-    if not directory.is_dir():
-        code = ErrorCode.NOT_READABLE if directory.exists() else ErrorCode.NOT_FOUND
-        raise FrameError(code, directory, "is not a directory", "give the one into which the camera writes")
+    require_directory(directory)
     configuration = settings(processor, [directory], hdu=hdu)
     with prepare_run(output, configuration, command, overwrite=overwrite, resume=resume) as store:
         mark, watch = duplicate_marker(), watch or (lambda row: None)
