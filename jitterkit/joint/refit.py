@@ -244,11 +244,15 @@ class _Run:
         for exposure in self.exposures:
             if exposure.frame is not None:
                 if not exposure.time > last:
-                    raise ConfigurationError(
-                        ErrorCode.OUT_OF_RANGE,
-                        f"{exposure.name} was taken at {exposure.time:.9g} s, not after {before} "
-                        f"({last:.9g} s); if the clock of the headers is too coarse, give the --cadence.",
+                    earlier = last - exposure.time > (exposure.frame.exposure or 0.0) / 2
+                    remedy = (
+                        "if the clock of the headers is too coarse, give the --cadence"
+                        if not earlier
+                        else "write the images of a file in the order of their times, or each to its own file"
                     )
+                    problem = f"{exposure.name} was taken at {exposure.time:.9g} s, not after {before} "
+                    problem += f"({last:.9g} s), which precedes it"
+                    raise ConfigurationError(ErrorCode.OUT_OF_RANGE, f"{problem}; {remedy}.")
                 before, last = exposure.name, exposure.time
             yield exposure
             self.watch(number, exposure.name)

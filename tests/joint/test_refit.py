@@ -245,8 +245,12 @@ def test_a_frame_alone_that_was_fitted_and_determines_nothing_is_not_constrained
 
 def test_frames_out_of_order_are_refused(optics, rng):
     frames = exposures(optics, 2, rng)
-    with refused(ErrorCode.OUT_OF_RANGE, "frame 0", "0.05 s", "0.15 s"):
+    with refused(ErrorCode.OUT_OF_RANGE, "frame 0", "0.05 s", "0.15 s") as caught:
         refit_sequence(frames[::-1], FrameFitter(optics))
+    assert "--cadence" not in str(caught.value)  # which takes them in the wrong order, without a word
+    alike = [frame._replace(time=0.05) for frame in frames]
+    with refused(ErrorCode.OUT_OF_RANGE, "frame 1", "0.05 s", "0.05 s", "--cadence"):
+        refit_sequence(alike, FrameFitter(optics))
 
 
 def test_a_law_for_what_is_not_shared_is_refused(optics, rng):
