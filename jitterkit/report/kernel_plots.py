@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import Ellipse, Rectangle
 from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
 
 from jitterkit.kernels import TransferRatio, kernel_moments
-from jitterkit.loci import Locus, principal_axes, rasterise
+from jitterkit.loci import Locus, Product, principal_axes, rasterise
 from jitterkit.report.plots import BLUE, INK, OUTLINE, RUST, axes_or_new, finish, note_in_axes, plot_image
 from jitterkit.report.words import angle_size, number
 
@@ -60,13 +62,17 @@ def plot_kernel(
     """
     ax = axes_or_new(ax, (3.4, 3.6))
     ax.set(xticks=[], yticks=[], title=title, aspect="equal")
-    points = np.asarray(locus.points(65536))
-    if not np.all(np.isfinite(points)):
+    parts = locus.factors() if isinstance(locus, Product) else (locus,)
+    points = [np.asarray(part.points(65536)) for part in parts]
+    if not all(np.all(np.isfinite(part)) for part in points):
         return note_in_axes(ax, "not finite")
-    reach = float(np.abs(points).max())
+    reach = sum(float(np.abs(part).max()) for part in points)
     half = 1.3 * reach if reach > 1e-9 else (plate_scale or 1.0)
     cell = 2 * half / _CELLS
-    density = gaussian_filter(rasterise(locus, cell, (_CELLS, _CELLS)), _SMOOTHING)
+    rasters = (
+        rasterise(part, cell, (_CELLS, _CELLS)) for part in parts
+    )  # points of all at once show stripes
+    density = gaussian_filter(reduce(partial(fftconvolve, mode="same"), rasters), _SMOOTHING)
     extent = (-half, half, -half, half)
     ax.imshow(density, origin="lower", extent=extent, cmap="cividis", interpolation="bilinear")
     major, minor, angle = principal_axes(locus.moments())

@@ -21,10 +21,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import AsinhNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from jitterkit.report.words import angle_unit
+from jitterkit.report.words import angle_unit, short_number
 
 BLUE, RUST, INK = "#1f4e79", "#b3421f", "#222222"
 OUTLINE: Any = {"fill": False, "ec": "white", "lw": 0.9}
@@ -56,9 +57,34 @@ def suited_angle(sizes: np.ndarray) -> tuple[float, str]:
     return factor, unit.strip().replace("″", "arcsec")
 
 
+_APART = 0.1
+"""Share of a colour bar by which two ticks differ at least: their labels have half of it."""
+
+
 def colour_bar(picture: Any, ax: Axes, label: str, extend: str = "neither") -> None:
     """Put a colour bar beside a picture; ``extend`` says which ends are pointed."""
     ax.figure.colorbar(picture, ax=ax, label=label, extend=extend, shrink=0.86, aspect=24, pad=0.02)
+    _set_ticks(picture)
+
+
+def _set_ticks(picture: Any) -> None:
+    """Put ticks on the colour bar of a stretched picture; matplotlib's cover each other about zero."""
+    if isinstance(picture.norm, AsinhNorm):
+        ticks = _round_numbers(picture.norm)
+        picture.colorbar.set_ticks(ticks, labels=[short_number(tick) for tick in ticks])
+        picture.colorbar.minorticks_off()
+
+
+def _round_numbers(norm: Normalize) -> list[float]:
+    """Return numbers on a scale that lie apart from each other: zero, powers of ten, and what is between."""
+    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
+    decades = 10.0 ** (np.floor(np.log10(max(-low, high))) - np.arange(6))
+    powers = [sign * factor * decade for factor in (1, 2, 5) for decade in decades for sign in (1, -1)]
+    kept: list[float] = []
+    for tick in (0.0, *powers, *MaxNLocator(4).tick_values(low, high)):
+        if low <= tick <= high and all(abs(norm(tick) - norm(other)) > _APART for other in kept):
+            kept.append(float(tick))
+    return sorted(kept)
 
 
 def finish(ax: Axes, **legend: Any) -> Axes:
@@ -200,6 +226,7 @@ def change_image(ax: Axes, image: np.ndarray, norm: Normalize | None = None) -> 
     ax.images[0].set_data(image)
     if norm is not None:
         ax.images[0].set_norm(norm)
+        _set_ticks(ax.images[0])
 
 
 def plot_residual(

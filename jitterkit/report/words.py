@@ -28,6 +28,20 @@ def number(value: float, digits: int = 4) -> str:
     return f"{_fixed(value / 10.0**exponent, digits - 1)} {_power(exponent)}"
 
 
+def short_number(value: float) -> str:
+    """Write a round number in little room.
+
+    >>> short_number(-20.0), short_number(1e5), short_number(0.002)
+    ('−20', '10⁵', '2×10⁻³')
+    """
+    if value == 0 or 0.01 <= abs(value) < 10000:
+        return f"{value:g}".replace("-", MINUS)
+    mantissa, _, exponent = f"{value:e}".partition("e")
+    factor = f"{float(mantissa):g}".replace("-", MINUS) + TIMES
+    factor = {f"1{TIMES}": "", f"{MINUS}1{TIMES}": MINUS}.get(factor, factor)
+    return f"{factor}10{str(int(exponent)).translate(SUPERSCRIPT)}"
+
+
 def with_error(value: float, error: float) -> str:
     """Write a value to the second significant digit of its error.
 

@@ -1,11 +1,13 @@
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from jitterkit.loci import Linear, Mvn, Stable
+from jitterkit.loci import Linear, Mvn, Smear, Stable
 from jitterkit.report.kernel_plots import plot_kernel
 from jitterkit.report.plots import (
+    change_image,
     plot_image,
     plot_residual,
     plot_stars,
@@ -88,6 +90,38 @@ def test_the_kernel_shows_its_ellipse_where_the_locus_lies():
     smoothing = (1.2 * cell) ** 2 + cell**2 / 12
     assert sxx - smoothing == pytest.approx(0.75 / 12, rel=0.02)  # L²/12 cos² 30°
     assert sxy == pytest.approx(np.sqrt(0.75) / 2 / 12, rel=0.02)
+
+
+@pytest.mark.parametrize("across", [0.2, 0.02, -0.02])
+def test_a_kernel_of_several_motions_has_no_stripes(across):
+    """A normal moved by a small smear falls to either side of its middle; a negative variance counts as 0."""
+    moments = jnp.asarray([0.2**2, 0.0, np.sign(across) * across**2])
+    density = plot_kernel(Smear(Linear.of(0.05, 30.0), Mvn(moments))).get_images()[0].get_array()
+    profile = density.sum(axis=0) / density.sum(axis=0).max()
+    assert np.all(np.isfinite(profile))
+    half = len(profile) // 2
+    for side in (profile[half:], profile[half::-1]):
+        assert np.diff(side).max() < 0.01  # the points of a normal law are as sparse as it is far out
+
+
+@pytest.mark.parametrize("level", [0.0, 100.0])
+@pytest.mark.parametrize("flux", [0.05, 5.0, 100.0, 1e4, 1e7])
+def test_numbers_on_a_colour_bar_lie_apart(flux, level, rng):
+    """Of faint frames too, whose scale is linear about zero; a bar of 2 inches holds ten lines of text."""
+    y, x = np.indices((32, 32)) - 16
+    image, other = (
+        flux * np.exp(-(x**2 + y**2) / 8) + level + rng.normal(0, flux / 10, x.shape) for _ in "ab"
+    )
+    ax = plot_image(other / 7)
+    for values in (other / 7, image):
+        change_image(ax, values, stretch(values))
+        norm, bar = ax.images[0].norm, ax.images[0].colorbar.ax
+        apart = np.diff(norm(np.asarray(bar.get_yticks())))
+        assert len(apart) >= 2
+        assert apart.min() > 0.1
+        assert len(bar.get_yticks(minor=True)) == 0
+        texts = [label.get_text() for label in bar.get_yticklabels()]
+        assert len(set(texts)) == len(texts)
 
 
 def test_a_pixel_is_drawn_where_it_fits_and_the_scale_bar_is_round():
