@@ -14,7 +14,9 @@ import pytest
 from astropy.io import fits
 from refusals import refused
 
-import jitterkit.frames.fits  # noqa: F401  not to be loaded while time or memory is measured
+# not to be loaded while time or memory is measured
+import jitterkit.frames.fits
+import jitterkit.frames.tiff  # noqa: F401
 from jitterkit.errors import ErrorCode, FrameError
 from jitterkit.frames import open_frames, read_frames, write_fits
 from jitterkit.frames.fits import read_image, read_images
