@@ -71,7 +71,7 @@ class _Kind(NamedTuple):
     """A kind of effect: usual size, and what makes its changes; None of what cannot be.
 
     What is ``curved`` may show by the square of its size, as even modes do about a pupil that is its own
-    mirror image, and a wavelength whose first order a fit takes up.
+    mirror image, a wavelength whose first order a fit takes up, and a turn to both sides.
     """
 
     size: float
@@ -278,7 +278,7 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "coma_b": _Kind(1.0, "nm", partial(_of_b, (7, 8)), hold=("noll7_b", "noll8_b"), curved=True),
     "astigmatism_b": _Kind(1.0, "nm", partial(_of_b, (5, 6)), hold=("noll5_b", "noll6_b"), curved=True),
     "focus_change": _Kind(5.0, "nm", _focus_change, curved=True),
-    "amplitude": _Kind(0.01, "", _amplitude, hold=("transmission_x", "transmission_y")),
+    "amplitude": _Kind(0.01, "", _amplitude, hold=("transmission_x", "transmission_y"), curved=True),
     "background": _Kind(1.0, "electron", _background, hold=("background", *GRADIENT)),
     "gradient": _Kind(1.0, "electron", _gradient, hold=GRADIENT),
     "third_star": _Kind(10 ** (-0.4 * 8), "", _third_star, together=False),
@@ -286,7 +286,7 @@ KINDS_OF_EFFECT: dict[str, _Kind] = {
     "pixel_grid": _Kind(1e-3, "pix", lambda model, by: [by * np.hypot(*_moved(model))], per_pixel=True),
     "stretch": _Kind(1e-5, "", _stretch),
     "shear": _Kind(1e-5, "", _shear),
-    "roll": _Kind(100.0, "arcsec", _roll),
+    "roll": _Kind(100.0, "arcsec", _roll, curved=True),
     "brighter_fatter": _Kind(1e-6, "pix/electron", partial(_charge, broaden)),
     "coupling": _Kind(5e-3, "", partial(_charge, couple)),
     "nonlinearity": _Kind(1e-2, "", partial(_charge, lambda held, by: held * (1 - by * held / held.max()))),

@@ -199,7 +199,10 @@ def test_effects_of_charge_are_what_their_sizes_say(model):
         assert changes[name][row, column] == pytest.approx(-share, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["flat", "third_star", "noll9", "noll4", "focus_change", "astigmatism_b"])
+@pytest.mark.parametrize(
+    "name",
+    ["flat", "third_star", "noll9", "noll4", "focus_change", "astigmatism_b", "amplitude", "roll"],
+)
 def test_an_effect_of_the_needed_size_biases_by_the_target(telescope, parameters, budget, name):
     _, errors = systematic_errors(telescope, parameters, sizes={name: budget[name].needed})
     (one,) = (one for one in errors if one.name == name)
