@@ -92,7 +92,7 @@ def _star(path: Path | None, temperature: float, magnitude: float) -> Curve:
     if path is None:
         return blackbody(temperature, magnitude)
     with naming(path):
-        return tabulated(read_curve(path), magnitude)
+        return tabulated(read_curve(path, "photons"), magnitude)
 
 
 def _throughput(

@@ -55,7 +55,8 @@ def read_curve(path: str | Path, values: str) -> tuple[np.ndarray, np.ndarray]:
     path : str or Path
         Two columns, wavelength [nm] and value, as in :func:`read_spectrum`.
     values : str
-        What the second column holds, for the complaint.
+        What the second column holds, for the complaint: its names must not say energy of ``photons``, nor per
+        cent, densities or responsivities of a ``share``.
 
     Returns
     -------
@@ -162,13 +163,20 @@ _NO_PHOTONS = re.compile(
     re.I,
 )
 
+_NO_SHARE = re.compile(
+    r"%|per-?cent|(?<![a-z])(pct|od|db|m?a ?/ ?w)(?![a-z])|optical[\W_]?density|absor|responsiv|reflect|extinct",
+    re.I,
+)
+
 
 def _refuse_other_units(path: Path, names: list[str], values: str) -> None:
-    """Raise ConfigurationError if the names of the columns say another unit, or energy for photons."""
+    """Raise ConfigurationError if the names of the columns say another unit, or another quantity."""
     if found := _NO_NANOMETRES.search(names[0]):
         wrong, wanted = found[0], "wavelengths in nm"
     elif values == "photons" and (found := _NO_PHOTONS.search(" ".join(names[1:]))):
         wrong, wanted = found[0], "photons per nm: of a power per nm, multiply it by the wavelength"
+    elif values == "share" and (found := _NO_SHARE.search(" ".join(names[1:]))):
+        wrong, wanted = found[0], "the share of the photons that passes or is detected, 0 to 1"
     else:
         return
     problem = f"{path}: the names {','.join(names)!r} say {wrong.strip(' _([/])')!r}"

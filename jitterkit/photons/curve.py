@@ -109,15 +109,22 @@ def band_of(spectrum: Spectrum) -> Curve:
     )
 
 
-def read_curve(path: str | Path) -> Curve:
+def read_curve(path: str | Path, values: str = "share") -> Curve:
     """Read a curve from a CSV of wavelength [nm] and value.
+
+    Parameters
+    ----------
+    path : str or Path
+    values : str
+        What is in the second column: a ``share`` of 1 (filter, quantum efficiency), or ``photons`` per nm.
 
     Raises
     ------
     ConfigurationError
-        If the file is no such table, or its rows are no curve; the message names the file.
+        If the file is no such table, its names say other units, or its rows are no curve; the message names
+        the file.
     """
-    columns = spectrum_file.read_curve(path, "value")
+    columns = spectrum_file.read_curve(path, values)
     try:
         return Curve(*columns)
     except ConfigurationError as error:

@@ -115,6 +115,7 @@ def test_the_picture_is_a_png(tmp_path):
     [
         (["--spectrum-a", "none.csv"], ErrorCode.NOT_FOUND, ["none.csv"]),
         (["--spectrum-b", "short.csv"], ErrorCode.SAMPLING, ["short.csv", "530 to 640 nm"]),
+        (["--spectrum-a", "power.csv"], ErrorCode.UNKNOWN_UNIT, ["power.csv", "flux"]),
         (["--filter", "percent.csv"], ErrorCode.OUT_OF_RANGE, ["90"]),
         (["--glass", "0"], ErrorCode.OUT_OF_RANGE, ["glass = 0.0"]),
         (["--area", "-1"], ErrorCode.OUT_OF_RANGE, ["area = -1.0", "cm²"]),
@@ -131,6 +132,7 @@ def test_what_cannot_be_counted_is_one_sentence_and_exit_status_two(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.csv").write_text("530,1\n640,1\n")
     (tmp_path / "percent.csv").write_text("530,90\n640,90\n")
+    (tmp_path / "power.csv").write_text("wavelength_nm,flux_erg\n400,1\n800,1\n")
     (tmp_path / "there.ecsv").touch()
     head = '[instrument]\nname = "x"\nplate_scale = 0.4\nshape = [16, 16]\nexposure = 0.1\n'
     (tmp_path / "psf.toml").write_text(head + '[psf]\nfile = "star.fits"\n')

@@ -66,6 +66,36 @@ def test_a_table_that_is_no_curve_is_refused(tmp_path, text, code, values):
         read_curve(path)
 
 
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("wavelength_nm,T [%]", "%"),
+        ("wavelength_nm,transmission_percent", "percent"),
+        ("nm,OD", "OD"),
+        ("nm,optical_density", "optical_density"),
+        ("nm,absorbance", "absor"),
+        ("nm,dB", "dB"),
+        ("nm,responsivity [A/W]", "responsiv"),
+        ("nm,signal_A/W", "A/W"),
+        ("nm,reflectance", "reflect"),
+    ],
+)
+def test_a_column_that_is_no_share_is_refused(names, said, tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_text(f"{names}\n530,0.5\n640,0.5\n", encoding="utf-8")
+    with refused(ErrorCode.UNKNOWN_UNIT, path, f"'{names}' say '{said}'", "0 to 1"):
+        read_curve(path)
+
+
+def test_photons_are_not_taken_for_a_share_nor_power_for_photons(tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_text("nm,photons % of the peak\n530,40\n640,50\n")
+    assert read_curve(path, "photons").values.tolist() == [40, 50]
+    path.write_text("nm,flux_erg\n530,0.5\n640,0.5\n")
+    with refused(ErrorCode.UNKNOWN_UNIT, path, "'flux'"):
+        read_curve(path, "photons")
+
+
 def test_a_curve_has_as_many_values_as_wavelengths():
     with refused(ErrorCode.WRONG_SHAPE, "3 wavelengths", "2 values"):
         Curve(np.array([530.0, 540.0, 550.0]), np.ones(2))
