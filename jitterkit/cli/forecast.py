@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -184,7 +185,8 @@ def _log_separation(setup: _Setup, found: Forecast, goal: float) -> None:
     exposure, target, time = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " "), ""
     if exposure is not None:
         time = f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
-    log(f"separation: {angle_size(error)} per frame; {target} takes {frames:,.0f} frames{time}.")
+    whole = f"{math.ceil(frames):,} frame{'s' * (frames > 1)}"  # 11.2 frames do not do with 11
+    log(f"separation: {angle_size(error)} per frame; {target} takes {whole}{time}.")
     if setup.locus != "stable":
         still = setup.still({})
         more = number(100 * ((error / still) ** 2 - 1), 3)

@@ -164,7 +164,8 @@ _NO_PHOTONS = re.compile(
 )
 
 _NO_SHARE = re.compile(
-    r"%|per-?cent|(?<![a-z])(pct|od|db|m?a ?/ ?w)(?![a-z])|optical[\W_]?density|absor|responsiv|reflect|extinct",
+    r"%|per-?cent|(?<![a-z])(pct|od|db|m?a ?/ ?w)(?![a-z])|optical[\W_]?density|absor|responsiv|reflect"
+    r"|extinct",
     re.I,
 )
 

@@ -41,6 +41,14 @@ def test_one_forecast_says_every_error_and_what_it_takes(tmp_path):
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_frames_that_reach_a_target_are_whole():
+    found, talk = errors("--target", "1mas")
+    frames = (found["separation"] / 1e-3) ** 2
+    said = int(re.search(r"takes ([\d,]+) frame", talk)[1].replace(",", ""))
+    assert said == np.ceil(frames) > frames
+    assert "takes 1 frame," in errors("--target", "1arcsec")[1]
+
+
 def test_stars_are_a_pair_in_other_parameters(tmp_path):
     """The bound of a separation is the same whichever parameters two stars are described by."""
     contrast, angle = 2.5, np.radians(30)
@@ -134,6 +142,19 @@ def test_a_sweep_is_a_table_with_units_and_a_picture(tmp_path, check_error):
         (["--allow", "-3%"], ErrorCode.OUT_OF_RANGE, ["--allow -3%"]),
         (["--allow", "ten%"], ErrorCode.MALFORMED, ["--allow ten%", "10%"]),
         (["--allow", "10%", "--sweep", "flux=1e5"], ErrorCode.CONFLICT, ["--allow", "--sweep"]),
+        (["--allow", "10%", "--target", "2uas"], ErrorCode.CONFLICT, ["--allow", "--target"]),
+        (["--scene", "star", "--target", "2uas"], ErrorCode.CONFLICT, ["--scene star", "--target"]),
+        (["--flux", "5e4", "--sweep", "flux=1e5"], ErrorCode.CONFLICT, ["--sweep flux", "--flux"]),
+        (
+            ["--locus", "linear", "--length", "0.5", "--sweep", "length=0.1,0.2"],
+            ErrorCode.CONFLICT,
+            ["--sweep length", "--length"],
+        ),
+        (
+            ["--locus", "mvn", "--sigma", "0.1", "--sweep", "sigma_major=0.1,0.2"],
+            ErrorCode.CONFLICT,
+            ["--sweep sigma_major", "--sigma"],
+        ),
         (["--locus", "linear"], ErrorCode.MISSING_VALUE, ["linear", "--length"]),
         (["--fitted", "wobble", "--allow", "1uas"], ErrorCode.UNKNOWN_NAME, ["'wobble'", "linear"]),
         (["--allow", "10%", "--locus", "shm"], ErrorCode.CONFLICT, ["--allow", "--locus shm"]),
