@@ -41,6 +41,10 @@ half its height: what is wider than a window's lobe is a resonance, and no line.
 _MISSING = 2.5
 """Of the longer step beside it, from which a step is a gap in the table."""
 
+_PIECE = 4
+"""Uniform rows at least between two gaps of a table that is uniform but for them: a drawn curve has single
+rows beyond one."""
+
 _GAP = 1e-12
 """Share of a frequency over which one bin changes to the next."""
 
@@ -58,8 +62,9 @@ def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
     Returns
     -------
     kind : str
-        ``bins`` for 8 rows or more at equal steps, or at equal ratios of ten a decade or closer;
-        ``curve`` for fewer than 16 rows at other steps, or where the power is the same either way.
+        ``bins`` for 8 rows or more at equal steps, or at equal ratios of ten a decade or closer, and for 16
+        or more at equal steps but for gaps; ``curve`` for fewer than 16 rows at other steps, or where the
+        power is the same either way.
 
     Raises
     ------
@@ -69,6 +74,8 @@ def recognise_rows(frequencies: np.ndarray, density: np.ndarray) -> str:
     n = len(frequencies)
     linear = _is_uniform(frequencies)
     if n >= _SOME and (linear or _is_banded(frequencies)):
+        return "bins"
+    if _rows_apart(frequencies) is not None:
         return "bins"
     if n < 4 or (n < _MANY and not linear):
         return "curve"
@@ -123,7 +130,9 @@ def gaps_between(frequencies: np.ndarray) -> np.ndarray:
 
     Only where most steps are like their neighbours: other tables have no gaps.
     """
-    steps = np.diff(frequencies)
+    steps, apart = np.diff(frequencies), _rows_apart(frequencies)
+    if apart is not None:
+        return np.flatnonzero(apart > 1)
     if len(steps) < _SOME or np.median(np.abs(np.diff(np.log(steps)))) > np.log(1 + _UNIFORM):
         return np.zeros(0, int)
     beside = np.pad(steps, 1, mode="reflect")
@@ -135,11 +144,12 @@ def _edges(frequencies: np.ndarray) -> np.ndarray:
 
     Half-way between the rows, on the scale on which these are uniform; beside a gap as on the other side.
     """
-    if _is_uniform(frequencies):
-        step = (frequencies[-1] - frequencies[0]) / (len(frequencies) - 1)
-        first = max(frequencies[0] - step / 2, 0.0)
-        edges = np.concatenate([[first], frequencies[0] + step * (np.arange(len(frequencies)) + 0.5)])
-        return np.stack([edges[:-1], edges[1:]], axis=1)
+    apart = np.ones(len(frequencies) - 1) if _is_uniform(frequencies) else _rows_apart(frequencies)
+    if apart is not None:
+        places = np.concatenate([[0.0], np.cumsum(apart)])
+        step = (frequencies[-1] - frequencies[0]) / places[-1]
+        edges = frequencies[0] + step * (places[:, None] + [-0.5, 0.5])
+        return np.maximum(edges, 0.0)
     ratios = _is_banded(frequencies)
     f = np.log(frequencies) if ratios else frequencies
     half, gaps = np.diff(f) / 2, np.zeros(0, int) if ratios else gaps_between(f)
@@ -152,6 +162,23 @@ def _edges(frequencies: np.ndarray) -> np.ndarray:
 def _is_uniform(values: np.ndarray) -> bool:
     line = np.linspace(values[0], values[-1], len(values))
     return bool(np.all(np.abs(values - line) <= _UNIFORM * (line[1] - line[0])))
+
+
+def _rows_apart(frequencies: np.ndarray) -> np.ndarray | None:
+    """Return how many rows (n - 1,) of a uniform table lie between its own where others are missing, from 1.
+
+    None where the table is not uniform but for gaps.
+    """
+    steps = np.diff(frequencies)
+    if len(frequencies) < _MANY:
+        return None
+    near = np.abs(steps / np.median(steps) - 1) < 0.5  # rounded in print, so that their mean is better
+    apart = np.rint(steps / steps[near].mean())
+    step = (frequencies[-1] - frequencies[0]) / max(apart.sum(), 1.0)
+    off = frequencies - frequencies[0] - step * np.concatenate([[0.0], np.cumsum(apart)])
+    pieces = np.diff(np.flatnonzero(np.pad(apart, 1, constant_values=2.0) > 1))
+    alike = np.all(np.abs(off) <= _UNIFORM * step) and apart.min() == 1 and pieces.min() >= _PIECE
+    return apart if alike else None
 
 
 def _is_banded(frequencies: np.ndarray) -> bool:

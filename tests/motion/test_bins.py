@@ -130,6 +130,25 @@ def test_a_gap_in_the_bins_has_no_power(signal, low, high, write):
     assert any(f"from {f[keep][f[keep] < low][-1]:.5g} to" in sentence for sentence in said)
 
 
+@pytest.mark.parametrize(
+    "missing", [slice(300, 301), slice(300, 302), slice(200, 400), np.r_[200:203, 400:401, 405:450]]
+)
+@pytest.mark.parametrize("form", ["%.18e,%.18e,%.18e", "%.2f,%.6e,%.6e"])
+def test_rows_that_are_uniform_but_for_gaps_are_bins(signal, missing, form, write):
+    f, p = (np.delete(values, missing) for values in welch(signal, RATE, nperseg=1024))
+    said = []
+    read = read_motion(write((f, p, p), fmt=form), log=said.append)
+    assert power(read)[0] == pytest.approx(RATE / 1024 * p[1:].sum(), rel=2e-3)
+    assert any("bins of a measured spectrum" in sentence for sentence in said)
+    assert any("missing from" in sentence for sentence in said)
+
+
+def test_points_of_a_curve_beyond_uniform_ones_are_no_bins():
+    f = np.array([*range(20, 320, 10), 500, 1000, 2000])
+    with refused(ErrorCode.MISSING_VALUE, "--kind"):
+        recognise_rows(f, densities(f**-1.0))
+
+
 def test_a_table_that_says_it_is_two_sided_is_doubled(write):
     f, said = np.arange(1, 101.0), []
     path = write((f, 0 * f + 1e-6, 0 * f), comment="# two-sided\n")
