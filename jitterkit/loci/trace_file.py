@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.integrate import cumulative_simpson
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 from jitterkit.loci.csv_comments import refuse_unit_in_comment
 from jitterkit.loci.csv_table import csv_rows, heading, row_numbers
 from jitterkit.loci.csv_units import assumed_units, refuse_half_stated, unit_factor
@@ -200,6 +200,8 @@ def read_trace(
     stands for it: :func:`~jitterkit.loci.trace_file.without_missing`) are left out.
     """
     path = pathlib.Path(path)
+    problem = "The unit of rates is empty; give one, such as deg/s, or leave it out."
+    refuse_if(rates is not None and not rates.strip(), ErrorCode.UNKNOWN_UNIT, problem)
     cells = csv_rows(path, "give a CSV of t,x,y")
     try:
         header = cells[0][1] if cells else []

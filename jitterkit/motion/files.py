@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode, one_of
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, refuse_if
 from jitterkit.loci import is_trace, read_trace
 from jitterkit.loci.csv_comments import refuse_unit_in_comment
 from jitterkit.loci.csv_table import CsvRow, comment_lines, csv_rows, heading, row_numbers
@@ -95,6 +95,8 @@ def read_motion(
     try:
         refuse_unit_in_comment(path, rows[0][1] if rows else ())
         densities, lines = _tables(rows, log)
+        problem = "--kind is for densities, and there are only lines; leave it out."
+        refuse_if(kind is not None and not densities, ErrorCode.CONFLICT, problem)
         random = _random(densities, kind, _stated_sides(path), log)
     except ConfigurationError as error:
         raise ConfigurationError(error.code, f"{path}: {error}") from None
@@ -112,9 +114,8 @@ class _Header(NamedTuple):
         """Return the numbers of a line by column, in the units of :data:`_UNITS`."""
         values = row_numbers(row, self.names)
         columns = zip(self.names, values, self.factors, self.units, strict=True)
-        return {
-            name: (value * factor) ** (2 if _ROOT in unit else 1) for name, value, factor, unit in columns
-        }
+        scaled = ((name, value * factor, unit) for name, value, factor, unit in columns)
+        return {name: value * value if _ROOT in unit else value for name, value, unit in scaled}
 
 
 def _header(cells: list[str]) -> _Header | None:

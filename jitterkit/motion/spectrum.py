@@ -20,6 +20,9 @@ from jitterkit.loci.base import moments_on_axis
 _SLACK = 1e-9
 """By which rounding may carry a cross spectrum over the most that it can be."""
 
+_FARTHEST = 1e15
+"""arcsec: no angle is as large, and its square can be computed with."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -48,10 +51,11 @@ class Line:
     minor: float = 0.0
 
     def __post_init__(self) -> None:
-        rules = {"frequency": self.frequency > 0, "amplitude": self.amplitude >= 0, "minor": self.minor >= 0}
+        rules = {"frequency": self.frequency > 0}
+        rules |= {name: 0 <= getattr(self, name) <= _FARTHEST for name in ("amplitude", "minor")}
         for name, value in (("angle", self.angle), *((name, getattr(self, name)) for name in rules)):
             if not (np.isfinite(value) and rules.get(name, True)):
-                remedy = "amplitudes in arcsec that are not negative, and an angle in degrees"
+                remedy = f"amplitudes of 0 to {_FARTHEST:g} arcsec, and an angle in degrees"
                 problem = f"A line's {name} is {value:g}; give a positive frequency in Hz, {remedy}."
                 raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
 
@@ -155,10 +159,11 @@ def _check(frequencies: np.ndarray, density: np.ndarray) -> None:
         code = ErrorCode.MALFORMED if 0 <= frequencies[row] < np.inf else ErrorCode.OUT_OF_RANGE
         problem = f"The frequency of row {row + 1} is {frequencies[row]:g} Hz"
         raise ConfigurationError(code, f"{problem}; give them ascending, none negative.")
-    bad = ~np.isfinite(density).all(axis=1) | (density[:, [0, 2]] < 0).any(axis=1)
+    axes = density[:, [0, 2]]
+    bad = ~np.isfinite(density).all(axis=1) | ((axes < 0) | (axes > _FARTHEST**2)).any(axis=1)
     for row in np.flatnonzero(bad):
         values = f"the densities x, y are {density[row, 0]:g}, {density[row, 2]:g}"
-        problem = f"At {frequencies[row]:g} Hz {values}; give arcsec²/Hz, finite and not negative."
+        problem = f"At {frequencies[row]:g} Hz {values}; give arcsec²/Hz, 0 to {_FARTHEST**2:g}."
         raise ConfigurationError(ErrorCode.OUT_OF_RANGE, problem)
     most = np.sqrt(density[:, 0] * density[:, 2])
     for row in np.flatnonzero(np.abs(density[:, 1]) > most * (1 + _SLACK)):

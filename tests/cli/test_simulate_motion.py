@@ -126,6 +126,8 @@ def test_a_rolling_detector_is_warned_of_a_locus_that_has_no_time(here):
             ["gyro.csv", "-0.0127 to 0.1127 s", "0 to 0.199 s"],
         ),
         ("--trace gyro.csv --locus shm", ErrorCode.CONFLICT, ["--trace", "--locus"]),
+        ("--trace gyro.csv --kind bins", ErrorCode.CONFLICT, ["--kind", "--spectrum"]),
+        ("--kind curve", ErrorCode.CONFLICT, ["--kind", "--spectrum"]),
     ],
 )
 def test_what_cannot_be_moved_so_is_one_sentence(here, arguments, code, values, check_error):

@@ -254,4 +254,10 @@ def test_options_for_another_kind_of_table_are_refused(tmp_path, write):
         read_motion(path, rates="deg/s")
     with refused(ErrorCode.UNKNOWN_NAME, "'line'", "bins", "curve"):
         read_motion(path, kind="line")
+    with refused(ErrorCode.UNKNOWN_UNIT, "rates", "deg/s"):
+        read_motion(trace, rates="")
+    lines = tmp_path / "lines.csv"
+    lines.write_text("frequency,amplitude,angle\n3,0.2,0\n")
+    with refused(ErrorCode.CONFLICT, lines, "--kind", "lines"):
+        read_motion(lines, kind="curve")
     assert isinstance(read_motion(path), PowerSpectrum)

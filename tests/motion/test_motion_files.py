@@ -90,6 +90,20 @@ def test_what_is_no_motion_is_one_sentence_with_its_place(text, code, values, ta
     assert str(caught.value).startswith(str(table("")))
 
 
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("frequency,amplitude,angle\n3,1e300,0\n", ("line 2", "amplitude", "1e+300", "1e+15")),
+        ("frequency,amplitude,angle,minor\n3,1,0,1e16\n", ("line 2", "minor", "1e+16")),
+        ("f,x,y\n1,1e300,1e300\n2,1,1\n", ("1 Hz", "1e+300", "1e+30")),
+        ("f,asd_x,asd_y\n1,1e200,1\n2,1,1\n", ("1 Hz", "inf, 1")),
+    ],
+)
+def test_motions_larger_than_any_angle_are_refused(text, values, table):
+    with refused(ErrorCode.OUT_OF_RANGE, *values):
+        read_motion(table(text))
+
+
 def test_a_file_that_is_no_table_is_refused(table, tmp_path):
     with refused(ErrorCode.MALFORMED, "field limit"):
         read_motion(table('{"t":"' + "0" * 200_000 + '","x":0}'))
