@@ -20,6 +20,9 @@ _FEWEST, _LARGEST_SHARE = 3, 0.25
 _ALIKE = 0.5
 """Share of different values around them up to which an image has no noise, and is equal by its symmetry."""
 
+_ROUNDING = 1e-6
+"""Share of the largest number by which two may differ for the computed image of a star to have them equal."""
+
 _CHANCE = 1e-6
 """Chance from which on a few equal pixels may be those of a top that was not cut off."""
 
@@ -56,10 +59,11 @@ def with_cut_off(raw: RawFrame) -> RawFrame:
         return raw
     core = labels == sizes.argmax() + 1
     ring = raw.data[ndimage.binary_dilation(core, _AROUND) & ~core & good]
-    values = np.unique(np.append(ring, top))
-    if len(values) < 2 or len(values) <= _ALIKE * len(ring):
+    differences = np.diff(np.unique(np.append(ring, top)))
+    differences = differences[differences > _ROUNDING * abs(top)]
+    if not differences.size or differences.size + 1 <= _ALIKE * len(ring):
         return raw
-    steps = float(np.median(top - ring) / np.diff(values).min())
+    steps = float(np.median(top - ring) / differences.min())
     if max(steps, 1.0) ** (1.0 - sizes.max()) > _CHANCE:
         return raw
     unit = "ADU" if raw.unit == "adu" else "e-"

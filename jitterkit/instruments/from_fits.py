@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode, FrameError
+from jitterkit.errors import ConfigurationError, ErrorCode, FrameError, refuse_if
 from jitterkit.frames import write_fits
 from jitterkit.frames.fits import NamedImage, read_images
 from jitterkit.frames.sidecar import toml_text
@@ -98,6 +98,9 @@ def instrument_from_fits(
         code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
         problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
         raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
+    problem = f"{path}: --noll {' --noll '.join(map(str, noll))}; give each of Noll's indices once, from 2."
+    refuse_if(any(j < 2 for j in noll), ErrorCode.OUT_OF_RANGE, problem)
+    refuse_if(len(set(noll)) < len(noll), ErrorCode.DUPLICATE, problem)
     kind, others = ("pupil", of_psf) if holds_pupil else ("psf", of_pupil)
     for key, value in others.items():
         if value is not None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jitterkit.errors import ConfigurationError, ErrorCode
+from jitterkit.errors import ConfigurationError, ErrorCode, refuse_if
 from jitterkit.frames.fits import NamedImage
 from jitterkit.frames.units import factor
 
@@ -88,11 +88,13 @@ def pupil_arrays(
     transmission = _amplitude(path, amplitude)
     where, candidates = (path, images) if opd is None else opd
     errors = [image for image in candidates if _is_opd(image)] or list(candidates if opd else ())
-    cube = bool(errors) and errors[0].pixels.ndim == 3
-    for option, value, used in (("--opd-unit", opd_unit, errors), ("--plane", plane, cube)):
-        if value is not None and not used:
-            problem = f"{path}: {option} {value} is of a {'wavefront error' if used is errors else 'cube'}"
-            raise ConfigurationError(ErrorCode.CONFLICT, f"{problem}, and there is none; leave it out.")
+    cubes = [image for image in errors if image.pixels.ndim == 3]
+    for option, value, of, there in (
+        ("--opd-unit", opd_unit, "wavefront error", errors),
+        ("--plane", plane, "cube of wavefront errors", cubes),
+    ):
+        problem = f"{path}: {option} {value} is of a {of}, and there is none; give --opd, or leave it out."
+        refuse_if(value is not None and not there, ErrorCode.CONFLICT, problem)
     wavefront = np.zeros_like(transmission)
     if errors:
         wavefront = _wavefront(where, errors[0], transmission, opd_unit, plane)

@@ -17,6 +17,11 @@ def star(peak, sigma=2.0, x=23.3, y=24.1, seed=1, gain=2.0):
     return np.rint(np.random.default_rng(seed).poisson(light * gain) / gain)
 
 
+COMPUTED = star(3000, x=23.5, y=23.5, seed=None) + 0.3
+COMPUTED[COMPUTED.max() > COMPUTED] *= 1 - 1e-15 * np.random.default_rng(3).random(48 * 48 - 4)
+"""Symmetric but for rounding, as poppy's PSF between four pixels."""
+
+
 def level(data, mask=None, **known):
     raw = RawFrame(data.astype(float), mask=mask, metadata=Metadata().override("header X", **known))
     found = with_cut_off(raw).metadata
@@ -39,11 +44,13 @@ def test_a_core_that_is_cut_off_gives_the_level(cut, scale):
         (star(3000), 65535.0),
         (np.minimum(star(3000), 1500), 1500.0),  # known already
         (star(3000, x=23.5, y=23.5, seed=None), 65535.0),  # four equal pixels by symmetry
+        (COMPUTED, 65535.0),
+        (COMPUTED.astype(np.float32), 65535.0),
         (star(20, sigma=8, seed=None), 65535.0),  # a top that is flat between two numbers
         (np.full((48, 48), 65535.0), 1e6),
         (np.random.default_rng(2).poisson(0.4, (48, 48)).astype(float), 65535.0),
     ],
-    ids=["whole", "known", "symmetric", "coarse", "even", "few photons"],
+    ids=["whole", "known", "symmetric", "computed", "computed in 32 bits", "coarse", "even", "few photons"],
 )
 def test_a_top_that_is_not_cut_off_or_known_to_be_is_left(data, saturation):
     assert level(data, saturation=saturation) == (saturation, ())

@@ -244,6 +244,10 @@ LIGHT = {"wavelength": 600.0, "plate_scale": 0.03, "shape": (8, 8)}
         (DISC, {**LENGTHS, "PUPLDIAM": 3.1}, LIGHT, ErrorCode.CONFLICT, ("0.075 m", "3.1 m", "--diameter")),
         (DISC, {**LENGTHS, "CONTENTS": "opd"}, LIGHT, ErrorCode.MISSING_VALUE, ("transmission", "--opd")),
         (-DISC, LENGTHS, LIGHT, ErrorCode.OUT_OF_RANGE, ("-1",)),
+        (DISC, LENGTHS, {**LIGHT, "noll": (1,)}, ErrorCode.OUT_OF_RANGE, ("--noll 1", "from 2")),
+        (DISC, LENGTHS, {**LIGHT, "noll": (4, 4)}, ErrorCode.DUPLICATE, ("--noll 4",)),
+        (DISC, LENGTHS, {**LIGHT, "opd_unit": "nm"}, ErrorCode.CONFLICT, ("--opd-unit nm", "--opd")),
+        (DISC, LENGTHS, {**LIGHT, "plane": 0}, ErrorCode.CONFLICT, ("--plane 0", "--opd")),
         (DISC, LENGTHS, {**LIGHT, "shape": (400, 400)}, ErrorCode.SAMPLING, ("[telescope] samples",)),
     ],
 )  # fmt: skip
