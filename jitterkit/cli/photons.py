@@ -63,6 +63,7 @@ def photons(
     products.check()
     unused = ("temperatures",) if spectrum_a is not None and spectrum_b is not None else ()
     options.refuse_given(context, unused, "is for stars without a spectrum")
+    options.refuse_given(context, ["glass"] if plates == 0 else [], "is not used with --plates 0")
     telescope = open_instrument(instrument)
     from jitterkit.photons import collecting_area, compare, count_photons
 

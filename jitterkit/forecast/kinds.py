@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 
 from jitterkit.conventions import FWHM_PER_SIGMA
-from jitterkit.errors import ConfigurationError, ErrorCode, one_of
+from jitterkit.errors import ConfigurationError, ErrorCode, one_of, refuse_if
 from jitterkit.loci import Ellipse, Linear, Locus, Mvn, PartialShm, Shm
 
 
@@ -15,6 +15,8 @@ def _mvn(size: float, angle: float, shear: float = 0.1) -> Locus:
 
 
 def _ellipse(size: float, angle: float, ratio: float = 0.5) -> Locus:
+    problem = f"ratio = {ratio:g} is not that of the minor axis over the major one; give 0 to 1."
+    refuse_if(not 0 <= ratio <= 1, ErrorCode.OUT_OF_RANGE, problem)
     return Ellipse.of(size / 2, ratio * size / 2, angle)
 
 

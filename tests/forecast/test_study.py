@@ -91,6 +91,9 @@ def test_a_kind_is_shaped_by_name():
         ("mvn,shear", ErrorCode.MALFORMED, ["'mvn,shear'"]),
         ("mvn,cycles=1", ErrorCode.UNKNOWN_NAME, ["mvn", "cycles", "shear"]),
         ("linear,shear=1", ErrorCode.UNKNOWN_NAME, ["linear", "shear"]),
+        ("ellipse,ratio=5", ErrorCode.OUT_OF_RANGE, ["ratio = 5", "0 to 1"]),
+        ("ellipse,ratio=-0.5", ErrorCode.OUT_OF_RANGE, ["ratio = -0.5"]),
+        ("ellipse,ratio=nan", ErrorCode.OUT_OF_RANGE, ["ratio = nan"]),
     ],
 )
 def test_what_is_no_kind_is_reported_in_a_sentence(kind, code, values):

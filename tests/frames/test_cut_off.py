@@ -18,7 +18,7 @@ def star(peak, sigma=2.0, x=23.3, y=24.1, seed=1, gain=2.0):
 
 
 COMPUTED = star(3000, x=23.5, y=23.5, seed=None) + 0.3
-COMPUTED[COMPUTED.max() > COMPUTED] *= 1 - 1e-15 * np.random.default_rng(3).random(48 * 48 - 4)
+COMPUTED -= np.where(COMPUTED.max() > COMPUTED, 1e-12 * np.random.default_rng(3).random((48, 48)), 0.0)
 """Symmetric but for rounding, as poppy's PSF between four pixels."""
 
 
