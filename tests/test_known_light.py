@@ -256,6 +256,7 @@ def test_an_instrument_file_names_its_catalogue(tmp_path):
         ("separation,position_angle,delta_mag\n-3,1,8\n", "", ErrorCode.OUT_OF_RANGE, "180"),
         ("separation,position_angle,delta_mag\n3,east,8\n", "", ErrorCode.MALFORMED, "arcsec"),
         ("separation,position_angle,delta_mag\n3,1,nan\n", "", ErrorCode.OUT_OF_RANGE, "finite"),
+        ("separation,position_angle,delta_mag\n3,1,\n2,1,8\n", "", ErrorCode.OUT_OF_RANGE, "finite"),
         ("separation,position_angle,delta_mag\n", "", ErrorCode.OUT_OF_RANGE, "no star"),
     ],
 )

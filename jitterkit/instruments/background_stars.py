@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from astropy.table import QTable
@@ -124,7 +125,8 @@ def _remedy(units: Mapping[str, str]) -> str:
 
 def _read(path: str | Path, units: Mapping[str, str]) -> QTable:
     try:
-        return QTable.read(path, format="ascii.ecsv" if str(path).endswith(".ecsv") else "ascii.csv")
+        kind = "ascii.ecsv" if str(path).endswith(".ecsv") else "ascii.csv"
+        return QTable.read(path, format=kind, encoding="utf-8-sig")  # spreadsheets begin with a mark
     except FileNotFoundError:
         raise FrameError(ErrorCode.NOT_FOUND, path, "does not exist", "check the path") from None
     except Exception as error:
@@ -137,7 +139,7 @@ def _columns(path: str | Path, table: QTable, units: Mapping[str, str]) -> list[
     if missing:
         raise FrameError(ErrorCode.MISSING_VALUE, path, f"has no column {missing[0]!r}", _remedy(units))
     try:
-        columns = [np.asarray(Quantity(table[name], unit, dtype=float).value) for name, unit in units.items()]
+        columns = [_numbers(table[name], unit) for name, unit in units.items()]
     except (ValueError, TypeError, UnitConversionError) as error:
         words = [unit for unit in dict.fromkeys(units.values()) if unit]
         problem = f"holds what is no number there ({error})"
@@ -146,3 +148,9 @@ def _columns(path: str | Path, table: QTable, units: Mapping[str, str]) -> list[
         problem = "holds a star without a number" if len(table) else "holds no star"
         raise FrameError(ErrorCode.OUT_OF_RANGE, path, problem, "give finite numbers for each star")
     return columns
+
+
+def _numbers(column: Any, unit: str) -> np.ndarray:
+    """Return the numbers of a column in a unit, NaN of cells without one, which astropy has as zeros."""
+    numbers = Quantity(getattr(column, "unmasked", column), unit, dtype=float)
+    return np.where(getattr(column, "mask", False), np.nan, np.asarray(numbers.value))

@@ -171,6 +171,7 @@ def test_further_stars_beside_a_pair_are_listed_with_it(field, tmp_path):
         ("x,y,flux\n", [], ErrorCode.OUT_OF_RANGE, ["s.csv"]),
         ("x,y,flux\n1,2,-3\n", [], ErrorCode.OUT_OF_RANGE, ["s.csv"]),
         ("x,y,flux\n1,b,3\n", [], ErrorCode.MALFORMED, ["s.csv"]),
+        ("x,y,flux\n,2,3e4\n1,2,3e4\n", [], ErrorCode.OUT_OF_RANGE, ["s.csv"]),
         (FIELD, ["--separation", "3"], ErrorCode.CONFLICT, ["--separation", "--scene stars"]),
         (FIELD, ["--flux", "3"], ErrorCode.CONFLICT, ["--flux", "--scene stars"]),
     ],
