@@ -165,6 +165,9 @@ def _read(path: Path) -> QTable:
         if getattr(table[name], "unit", None) != "arcsec2":
             problem = f"{path}: the column {name!r} is not in arcsec2; estimate it again."
             raise ConfigurationError(ErrorCode.UNKNOWN_UNIT, problem)
+    for name in wanted[4:]:
+        if np.any(getattr(table[name], "mask", False)):  # empty cells, which have zeros beneath
+            table[name] = table[name].filled(np.nan)
     return table
 
 

@@ -105,6 +105,19 @@ def test_a_row_whose_digest_is_missing_goes_by_its_name(rng, tmp_path, estimates
     assert [e.digest for e in read_kernel_prior(tmp_path / "both.ecsv").estimates] == ["", *["0" * 16] * 6]
 
 
+@pytest.mark.parametrize("column", ["sxx", "syy_err"])
+def test_a_row_with_an_empty_cell_is_no_estimate(rng, tmp_path, estimates, column):
+    from astropy.table import QTable
+    from astropy.utils.masked import Masked
+
+    found = estimates(rng, 9)
+    table = QTable.read(write_table(tmp_path / "all.ecsv", found), format="ascii.ecsv")
+    table[column] = Masked(table[column], mask=np.arange(9) == 4)
+    table.write(tmp_path / "gap.ecsv", format="ascii.ecsv")
+    kept = read_kernel_prior(tmp_path / "gap.ecsv").estimates
+    assert [e.source for e in kept] == [f"night.fits[{k}]" for k in range(9) if k != 4]
+
+
 def test_a_frame_is_given_its_own_row_by_its_pixels_from_file_to_fit(telescope, tmp_path, rng):
     from jitterkit.batch import FrameProcessor
     from jitterkit.batch.template_blur import TemplateBlurEstimator
