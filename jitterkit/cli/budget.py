@@ -64,6 +64,7 @@ def budget(
     check_inside(scene, telescope.shape, telescope.plate_scale)
     known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
     fit = FitOptions(hold=options.held(background), priors=known)
+    options.dark_exposure(telescope)  # refuses what would be left out
     parameters = Parameters(scene, locus, np.zeros(len(telescope.aberrations)))
     error, errors = systematic_errors(telescope, parameters, fit, sizes=sizes, target=goal)
     table = systematics_table(errors, frames)

@@ -100,7 +100,8 @@ def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None
     state, scale = _aberrations(aberrations, telescope.aberrations), telescope.plate_scale
     sigma = usual * scale if diffusion is None else _sigma(diffusion, scale)
     fwhm = None if seeing is None else parse_angle(seeing, "--seeing")
-    return Setting(pair, optics, telescope.detector, state, sigma**2, fwhm)
+    dark = options.dark_exposure(telescope)
+    return Setting(pair, optics, telescope.detector, state, sigma**2, fwhm, exposure=dark)
 
 
 def _sigma(text: str, plate_scale: float) -> float:

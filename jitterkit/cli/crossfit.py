@@ -76,13 +76,15 @@ def crossfit(
         check_reach(binary, locus, optics.nominal)
     rng = np.random.default_rng(seed)
     panels = []
-    for panel in cross_fit(columns, fit or _FITTED, still, optics, draws, rng, telescope.detector):
+    detector, exposure = telescope.detector, options.dark_exposure(telescope)
+    loci = columns, fit or _FITTED
+    for panel in cross_fit(*loci, still, optics, draws, rng, detector, exposure=exposure):
         mean, error = panel.mean
         log(f"{panel.data} fitted with {panel.fitted}: {1e6 * mean:+.1f} ± {1e6 * error:.1f} µas")
         panels.append(panel)
 
     def draw():
-        alone = forecast(still, optics.nominal, telescope.detector).error("separation")
+        alone = forecast(still, optics.nominal, detector, exposure=exposure).error("separation")
         return plot_crossfit(panels, alone).axes[0]
 
     table = crossfit_table(panels, settings)

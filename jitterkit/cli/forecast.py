@@ -136,7 +136,7 @@ class _Setup:
         check_scene(stars, jitter)
         check_reach(stars, jitter, otf)
         check_inside(stars, self.telescope.shape, self.telescope.plate_scale)
-        exposure = self.telescope.exposure or 0.0
+        exposure = options.dark_exposure(self.telescope)
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]
         shown += [] if self.stars is None else [f"{len(self.stars.sources()[0])} stars of a table"]
@@ -225,7 +225,8 @@ def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
     question, allowed = parse_allowed(allow)
     bias, exposure = question == "bias", setup.telescope.exposure
     where = setup.point(still=True).parameters, setup.optics.nominal, allowed, setup.telescope.detector
-    found = jitter_requirements(*where, fitted=fitted if bias else None, options=setup.options)
+    asked, dark = fitted if bias else None, options.dark_exposure(setup.telescope)
+    found = jitter_requirements(*where, fitted=asked, options=setup.options, exposure=dark)
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")
     table = requirement_table(found, exposure)

@@ -82,7 +82,7 @@ def motion(
         problem = f"What the blur costs is not forecast: the instrument {telescope.name!r} has no flux"
         log(f"{problem}; give it photons per frame in its file.")
     elif loss:
-        costs = _loss_table(telescope, assessed.locus)
+        costs = _loss_table(telescope, assessed.locus, seconds)
         typer.echo()
         _print(costs)
         table.meta["loss"] = {name: costs[name].value.tolist() for name in costs.colnames}
@@ -102,7 +102,7 @@ def _print(table: QTable) -> None:
     print_table(table)
 
 
-def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
+def _loss_table(telescope: Instrument, locus: Locus, exposure: float) -> QTable:
     """Errors of the separation of a pair along the blur and across it, without the blur and with it.
 
     The shape of the blur is taken for known, and three moments on top of it are free, as in a fit.
@@ -124,8 +124,10 @@ def _loss_table(telescope: Instrument, locus: Locus) -> QTable:
     for turn in (0.0, 90.0):
         theta = direction_angle(principal_axes(locus.moments())[2] + turn)
         scene = Binary(_SEPARATION, theta, 0.0, 0.0, telescope.flux, _CONTRAST)
-        sharp = forecast(Parameters(scene, Stable.of(), aberrations), otf, telescope.detector)
-        shaken = forecast(Parameters(scene, blurred, aberrations), otf, telescope.detector, known)
+        still = Parameters(scene, Stable.of(), aberrations)
+        sharp = forecast(still, otf, telescope.detector, exposure=exposure)
+        moving = Parameters(scene, blurred, aberrations)
+        shaken = forecast(moving, otf, telescope.detector, known, exposure=exposure)
         errors = [forecasted.error("separation") * 1e6 for forecasted in (sharp, shaken)]
         rows.append((theta, *errors, (errors[1] / errors[0]) ** 2 - 1))
     columns = (

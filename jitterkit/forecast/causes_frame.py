@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import jax
@@ -103,6 +103,8 @@ class Setting:
     optics : Optics
         Without diffusion of its own; a measured PSF holds the detector's, and what is asked about is more.
     detector : Detector, optional
+    exposure : float
+        s, for a dark current.
     aberrations : tuple of float
         nm, in the order of the optics' names.
     diffusion : float
@@ -121,6 +123,7 @@ class Setting:
     scene: Scene
     optics: Optics
     detector: Detector | None = None
+    exposure: float = field(default=0.0, kw_only=True)
     aberrations: tuple[float, ...] = ()
     diffusion: float = 0.0
     seeing: float | None = None
@@ -161,7 +164,8 @@ class Setting:
         ConfigurationError
             If the jitter has no second moments to ask about.
         """
-        found = forecast(self.under(locus), self.otf, self.detector, FitOptions(hold=self._held))
+        held = FitOptions(hold=self._held)
+        found = forecast(self.under(locus), self.otf, self.detector, held, exposure=self.exposure)
         new, slope = _on_axis(locus)
         information = Information(found.names, found.information)
         return information.changed(locus.names[: len(new)], new, slope)

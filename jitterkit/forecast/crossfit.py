@@ -94,6 +94,8 @@ def noise_free_fit(
     detector: Detector | None = None,
     otf: OTF | None = None,
     options: FitOptions | None = None,
+    *,
+    exposure: float = 0.0,
 ) -> CrossFit:
     """Fit the image expected of one locus with another.
 
@@ -109,6 +111,8 @@ def noise_free_fit(
     otf : OTF, optional
         Expanded at the true aberrations, where it is at hand.
     options : FitOptions, optional
+    exposure : float
+        s, for a dark current.
 
     Returns
     -------
@@ -121,7 +125,7 @@ def noise_free_fit(
     """
     otf = optics.otf(truth.aberrations) if otf is None else otf
     options, truth = FitOptions() if options is None else options, truth.completed(otf)
-    data = expected_data(truth, otf, detector)
+    data = expected_data(truth, otf, detector, exposure=exposure)
     fit = fit_locus(locus, data, optics, truth, np.asarray(truth.locus.moments()), otf, options)
     for _ in range(_RESTARTS):
         if fit.parameters is None or not np.all(np.isfinite(fit.covariance)):

@@ -88,6 +88,7 @@ def jitter_requirements(
     angles: Sequence[float] = (0.0, 45.0, 90.0),
     cycles: Sequence[float] = CYCLES,
     options: FitOptions | None = None,
+    exposure: float = 0.0,
 ) -> list[Requirement]:
     """Find the largest jitter of every kind whose loss can be afforded.
 
@@ -108,6 +109,8 @@ def jitter_requirements(
     cycles : sequence of float
         Of a vibration in one exposure.
     options : FitOptions, optional
+    exposure : float
+        s, for a dark current.
 
     Returns
     -------
@@ -121,19 +124,24 @@ def jitter_requirements(
     positive("allowed loss", allowed)
     theta = float(still.binary.theta)
 
+    def error_under(locus: Locus) -> float:
+        found = forecast(still.with_locus(locus), otf, detector, options, exposure=exposure)
+        return found.error("separation")
+
     def time_lost(loci: list[Locus]) -> float:
         if any(_beyond_quadrature(one) for one in loci):
             return math.nan
-        errors = [forecast(still.with_locus(one), otf, detector, options).error("separation") for one in loci]
-        information = _over_phases([error**-2.0 for error in errors])  # the information of frames adds up
+        # the information of frames adds up
+        information = _over_phases([error_under(one) ** -2.0 for one in loci])
         return 1 / (alone**2 * information) - 1
 
     def bias(loci: list[Locus]) -> float:
         assert fitted is not None
-        each = [moment_bias(still.with_locus(one), fitted, otf, detector, options) for one in loci]
+        frame = otf, detector, options, exposure
+        each = [moment_bias(still.with_locus(one), fitted, *frame) for one in loci]
         return abs(_over_phases(each))
 
-    alone = forecast(still.with_locus(Stable.of()), otf, detector, options).error("separation")
+    alone = error_under(Stable.of())
     if not math.isfinite(alone):
         problem = "The frame does not determine its parameters even without jitter"
         remedy = "look at flux, contrast and saturation"
@@ -236,6 +244,7 @@ def moment_bias(
     otf: OTF,
     detector: Detector | None = None,
     options: FitOptions | None = None,
+    exposure: float = 0.0,
 ) -> float:
     """Bias of the separation where one locus is fitted with another, from the true moments on [arcsec].
 
@@ -245,7 +254,7 @@ def moment_bias(
         What the frame shows.
     fitted : str
         Name of the locus that is fitted; the fit starts from the true second moments.
-    otf, detector, options
+    otf, detector, options, exposure
         As for :func:`jitterkit.forecast.forecast`.
 
     Returns
@@ -259,7 +268,7 @@ def moment_bias(
     locus is so wrong that it bends them (chi-squared of thousands), and dearer.
     """
     options, truth = FitOptions() if options is None else options, truth.completed(otf)
-    data = expected_data(truth, otf, detector)
+    data = expected_data(truth, otf, detector, exposure=exposure)
     start = truth.with_locus(locus_class(fitted).near(truth.locus.moments()))
     names, free = free_parameters(start, otf, options.hold)
     prior = options.priors.over(names, start.locus)

@@ -81,6 +81,7 @@ def cross_fit(
     rng: np.random.Generator,
     detector: Detector | None = None,
     options: FitOptions | None = None,
+    exposure: float = 0.0,
 ) -> Iterator[Panel]:
     """Fit data of several kinds with several loci, one step a frame.
 
@@ -98,6 +99,8 @@ def cross_fit(
     rng : numpy.random.Generator
     detector : Detector, optional
     options : FitOptions, optional
+    exposure : float
+        s, for a dark current.
 
     Yields
     ------
@@ -112,15 +115,15 @@ def cross_fit(
     choosing = bool({AUTO, AUTO_FRAME} & set(rows))
     named = [row for row in rows if row not in (AUTO, AUTO_FRAME)]
     otf = optics.otf(still.aberrations)
-    truth = float(still.binary.separation)
+    truth, seen = float(still.binary.separation), (optics, detector, otf, options)
     for name, loci in columns.items():
         settings: list[tuple[list[CrossFit], Draws]] = []
         for locus in loci:
             frame = still.with_locus(locus)
-            fits = [noise_free_fit(frame, row, optics, detector, otf, options) for row in named]
+            fits = [noise_free_fit(frame, row, *seen, exposure=exposure) for row in named]
             for other in (one for one in CANDIDATES if choosing and one not in named):
                 with suppress(JitterkitError):
-                    fits.append(noise_free_fit(frame, other, optics, detector, otf, options))
+                    fits.append(noise_free_fit(frame, other, *seen, exposure=exposure))
             settings.append((fits, linearised_draws(fits, draws, rng)))
         for row in rows:
             yield _panel(name, row, settings, truth)
