@@ -249,7 +249,7 @@ def required(telescope: Instrument, problem: str, *values: T | None) -> T:
 
 
 def dark_exposure(telescope: Instrument) -> float:
-    """Return the exposure in which a dark current collects; zero where it is not known, and none is there.
+    """Return the exposure in which a dark current collects; zero where it is unknown and none is there.
 
     Raises
     ------

@@ -21,7 +21,7 @@ _ALIKE = 0.5
 """Share of different values around them up to which an image has no noise, and is equal by its symmetry."""
 
 _ROUNDING = 1e-6
-"""Share of the largest number by which two may differ for the computed image of a star to have them equal."""
+"""Share of the largest number by which two numbers of a computed image may differ that are equal."""
 
 _CHANCE = 1e-6
 """Chance from which on a few equal pixels may be those of a top that was not cut off."""

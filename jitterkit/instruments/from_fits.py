@@ -98,7 +98,8 @@ def instrument_from_fits(
         code = ErrorCode.MISSING_VALUE if kind is None else ErrorCode.UNKNOWN_NAME
         problem = f"{path}: whether it is a PSF or a pupil is not said (kind = {kind})"
         raise ConfigurationError(code, f"{problem}; give --kind psf or pupil.")
-    problem = f"{path}: --noll {' --noll '.join(map(str, noll))}; give each of Noll's indices once, from 2."
+    given = " --noll ".join(map(str, noll))
+    problem = f"{path}: --noll {given}; give each of Noll's indices once, from 2."
     refuse_if(any(j < 2 for j in noll), ErrorCode.OUT_OF_RANGE, problem)
     refuse_if(len(set(noll)) < len(noll), ErrorCode.DUPLICATE, problem)
     kind, others = ("pupil", of_psf) if holds_pupil else ("psf", of_pupil)
