@@ -5,7 +5,7 @@
    much fainter.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
    than blur and resolution, with a companion that is certain, is the answer.  If one of them is much fainter,
-   step 2 comes first.
+   step 2 comes first.  Where the pair does not describe the frame, more stars are searched for.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
    stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
@@ -126,6 +126,10 @@ def choose_scene(
         pair = frame.settled(pair) if faint else pair
         if not faint or frame.beyond_doubt(pair):
             return SceneChoice(frame.pair_or_field(pair), math.inf)
+    if several is None and pair is not None and frame.is_apart(pair) and not pair.describes(data):
+        several = frame.stars()  # of one that outshines the others a search for bright stars sees no more
+        if several is not None and frame.beyond_doubt(several):
+            return SceneChoice(several, math.inf)
     star = star or frame.star()
     if star is None:
         return None

@@ -19,7 +19,7 @@ from jitterkit.refit.choose_scene import _Frame
 from jitterkit.refit.reading import FittedPair, Reading, is_same_maximum
 from jitterkit.refit.scene_prior import ScenePrior
 from jitterkit.refit.weigh_scenes import Weighing
-from jitterkit.scene import Binary, Star
+from jitterkit.scene import Binary, Star, Stars
 from jitterkit.simulate import simulate_frame
 
 ALONE = partial(Star, 0.3, -0.2)
@@ -163,6 +163,21 @@ def aberrated(scene, locus, rng, name="toliman", rms=8.0):
     processor = FrameProcessor(telescope)
     frame = processor.calibrate(simulate_frame(telescope, scene, locus, aberrations=state, rng=rng).raw)
     return Data.of(frame), processor.optics(frame)
+
+
+@pytest.mark.slow
+def test_stars_beside_one_that_outshines_them_are_a_field(rng):
+    """By their peaks they are one star, or a pair with a chi-squared of 29."""
+    x = np.array([9.97, 19.55, 14.62, -19.82, 19.65, -5.48, -17.40, 9.91])
+    y = np.array([6.07, 4.84, 16.14, -10.89, 2.48, 6.32, 15.10, 15.10])
+    flux = 1e3 * np.array([19.6, 16.1, 32.0, 27.0, 7.2, 13.2, 155.4, 19.3])
+    data, optics = aberrated(Stars.of(x, y, flux), Stable.of(), rng, "smallsat", 3.0)
+    choice = choose_scene(data, optics, rough=True)
+    assert (choice.scene, choice.is_sure) == ("stars", True)
+    found = np.array([np.asarray(part) for part in choice.start.parameters.scene.sources()])
+    nearest = np.hypot(found[0] - x[:, None], found[1] - y[:, None]).argmin(axis=1)
+    assert sorted(nearest) == list(range(8))
+    assert found[2, nearest] == pytest.approx(flux, rel=0.03)
 
 
 @pytest.mark.parametrize("length", [0.0, 0.375])
