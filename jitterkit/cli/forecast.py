@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from jitterkit.cli import options
-from jitterkit.cli.loci import build_locus
+from jitterkit.cli.loci import build_locus, size_option
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
 from jitterkit.cli.runtime import log, open_instrument, print_table
 from jitterkit.errors import ErrorCode, refuse_if
@@ -81,9 +81,10 @@ def forecast(
     if allow is not None:
         _check_allow(jitter.locus, sizes, sweeps)
         options.refuse_given(context, ("target",), "is not used with --allow")
-    problem = f"--sweep replaces {', '.join(sorted(sizes.keys() & sweeps))}; give each once."
-    refuse_if(not sizes.keys().isdisjoint(sweeps), ErrorCode.DUPLICATE, problem)
-    options.refuse_given(context, sweeps.keys() & {*_SCENE}, "is swept")
+    for name in sweeps:
+        why = f"is replaced by --sweep {name}"
+        refuse_if(name in sizes, ErrorCode.CONFLICT, f"{size_option(name)} {why}; leave it out.")
+        options.refuse_given(context, [name] if name in _SCENE else [], why)
     telescope = open_instrument(instrument)
 
     setup = _Setup(telescope, jitter.locus, sizes, pair.of(scene, telescope), options.read_stars(stars))

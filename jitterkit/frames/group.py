@@ -17,12 +17,13 @@ _SCALES = {"CD1_1", "PC1_1", "CDELT1"}
 """Columns of a table that has a WCS for each plane of a cube."""
 
 
-_BAD_NAME = re.compile(r"MA?SK|BAD|HOT|DEAD|DEFECT|BPM|FLA?G|QUAL|(?<![A-Z])DQ")
+_BAD_NAME = re.compile(r"(?<![A-Z])(MA?SK(?!_)|BAD|HOT|DEAD|DEFECT|BPM|DQ)")
 _BAD_COLUMNS = re.compile(
     r"(RAW|DET|CCD|PIX)?_?[XY]_?([12]|MIN|MAX|START|END|SIZE|PIX\w*)?|(COL|ROW|LINE)(UMN)?S?_?[12]?|[IJ]"
     r"|PIX(EL)?S?|TYPE|CODE|FLAGS?|STATUS|DQ|QUAL(ITY)?|VALUE|[XY]?EXTENT|BAD(FLAG|PIX\w*)?|N|ID|NUM(BER)?"
 )
-"""Name of a table that may list bad pixels; and columns of such a list, where it has no others."""
+_KIND_OF_BAD = re.compile(r"PIX(EL)?S?|TYPE|CODE|FLAGS?|STATUS|DQ|QUAL(ITY)?|BAD(FLAG|PIX\w*)?")
+"""Name of a table that may list bad pixels; columns of such a list, if it has no others; one it must have."""
 
 
 @dataclass
@@ -125,5 +126,7 @@ class Group:
 def _may_list_bad_pixels(table: Hdu) -> bool:
     """Return whether a table seems to list bad pixels, by its name, or as it has no columns but such."""
     columns = [column.upper() for column in table.columns]
-    listed = len(columns) > 1 and all(map(_BAD_COLUMNS.fullmatch, columns))
+    # places alone may be those of stars, as a name would say
+    kinds = not table.name or any(map(_KIND_OF_BAD.fullmatch, columns))
+    listed = len(columns) > 1 and kinds and all(map(_BAD_COLUMNS.fullmatch, columns))
     return table.what == "a table" and (listed or _BAD_NAME.search(table.name) is not None)

@@ -167,7 +167,9 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None, every
     if every:
         return _fit_tiers(frame, normal, otf, step, every=True)
     if not (seen or moved or widened or _wants_more(normal, step)):
-        return _finalize(Tried(_of_any_shape(normal, step, otf)))
+        tried = Tried(normal)
+        tried.fits[NORMAL] = _of_any_shape(normal, step, otf)  # by the same evidence
+        return _finalize(tried)
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
     return _fit_tiers(frame, normal, otf, step)

@@ -122,8 +122,8 @@ def test_every_option_of_every_command_has_help(command):
         ("forecast -i plain --flux 1e5 --sweep flux=1e5,1e6", ErrorCode.CONFLICT, "--flux"),
         (
             "forecast -i plain --locus linear --length 1 --sweep length=1,2",
-            ErrorCode.DUPLICATE,
-            "--sweep replaces length",
+            ErrorCode.CONFLICT,
+            "--length is replaced by --sweep length",
         ),
         ("simulate a.fits -i plain --scatter --dither 1", ErrorCode.CONFLICT, "--dither"),
         ("simulate a.fits -i plain --scatter --theta 1", ErrorCode.CONFLICT, "--theta"),

@@ -117,11 +117,11 @@ def test_the_picture_is_a_png(tmp_path):
         (["--spectrum-b", "short.csv"], ErrorCode.SAMPLING, ["short.csv", "530 to 640 nm"]),
         (["--spectrum-a", "power.csv"], ErrorCode.UNKNOWN_UNIT, ["power.csv", "flux"]),
         (["--filter", "percent.csv"], ErrorCode.OUT_OF_RANGE, ["90"]),
-        (["--plates", "0", "--glass", "0.9"], ErrorCode.CONFLICT, ["--plates 0", "--glass"]),
+        (["--plates", "0", "--glass", "0.9"], ErrorCode.CONFLICT, ["--glass", "--plates 0"]),
         (
             ["--spectrum-a", "a.csv", "--spectrum-b", "b.csv", "--temperatures", "5000", "4000"],
             ErrorCode.CONFLICT,
-            ["--spectrum-b", "--temperatures"],
+            ["--temperatures", "without a spectrum"],
         ),
         (["--glass", "0"], ErrorCode.OUT_OF_RANGE, ["glass = 0.0"]),
         (["--area", "-1"], ErrorCode.OUT_OF_RANGE, ["area = -1.0", "cm²"]),

@@ -128,6 +128,7 @@ def test_every_chip_of_hst_is_a_frame_with_its_own_error_and_quality(tmp_path):
         ("BADPIX", "RAWX RAWY TYPE YEXTENT BADFLAG", True), ("BPM", "TIME", True), ("", "x y", True),
         ("", "TYPE PIX", True), ("DEFECTS", "region", True), ("MASK", "COL1 COL2", True),
         ("CATALOG", "X Y FLUX", False), ("EVENTS", "TIME X Y PI", False), ("", "X", False),
+        ("STARS", "X Y ID", False), ("PHOTOMETRY", "TIME", False), ("IMAGE_QUALITY", "TIME", False),
         ("HDRTAB", "ROOTNAME FILENAME", False), ("GTI", "START STOP", False),
         ("ASDF", "ASDF_METADATA", False),
     ],
