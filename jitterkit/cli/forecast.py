@@ -185,7 +185,7 @@ def _log_separation(setup: _Setup, found: Forecast, goal: float) -> None:
     error, frames = found.error("separation"), found.frames(goal)
     exposure, target, time = setup.telescope.exposure, angle_size(goal, 2).replace(".0 ", " "), ""
     if exposure is not None:
-        time = f", {number(frames * exposure / 3600, 3)} h of {exposure:g} s exposures"
+        time = f", {number(math.ceil(frames) * exposure / 3600, 3)} h of {exposure:g} s exposures"
     whole = f"{math.ceil(frames):,} frame{'s' * (frames > 1)}"  # 11.2 frames do not do with 11
     log(f"separation: {angle_size(error)} per frame; {target} takes {whole}{time}.")
     if setup.locus != "stable":

@@ -126,6 +126,8 @@ def _positive(text: str, option: str, unit: str, kind: str, example: str) -> flo
         mega = _CAPITAL_M.match(parts[2])
         said = None if mega else factor(kind, parts[2])  # in the words of headers, else as astropy has it
         try:
+            if mega and kind == "angle":
+                raise ValueError("no angle is so large")
             value *= Unit(parts[2]).to(unit) if said is None else float(said)
         except ValueError:
             code, value = ErrorCode.UNKNOWN_UNIT, 0.0

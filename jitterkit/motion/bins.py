@@ -167,7 +167,7 @@ def _is_uniform(values: np.ndarray) -> bool:
 def _rows_apart(frequencies: np.ndarray) -> np.ndarray | None:
     """Return how many rows (n - 1,) of a uniform table lie between its own where others are missing, from 1.
 
-    None where the table is not uniform but for gaps.
+    None where the table is not uniform but for gaps, or lacks more rows than it has.
     """
     steps = np.diff(frequencies)
     if len(frequencies) < _MANY:
@@ -178,7 +178,7 @@ def _rows_apart(frequencies: np.ndarray) -> np.ndarray | None:
     off = frequencies - frequencies[0] - step * np.concatenate([[0.0], np.cumsum(apart)])
     pieces = np.diff(np.flatnonzero(np.pad(apart, 1, constant_values=2.0) > 1))
     alike = np.all(np.abs(off) <= _UNIFORM * step) and apart.min() == 1 and pieces.min() >= _PIECE
-    return apart if alike else None
+    return apart if alike and apart.sum() < 2 * len(frequencies) else None  # most rows are there
 
 
 def _is_banded(frequencies: np.ndarray) -> bool:

@@ -164,8 +164,8 @@ _NO_PHOTONS = re.compile(
 )
 
 _NO_SHARE = re.compile(
-    r"%|per-?cent|(?<![a-z])(pct|od|db|m?a ?/ ?w)(?![a-z])|optical[\W_]?density|absor|responsiv|reflect"
-    r"|extinct",
+    r"%(?!\W*/ ?100)|per-?cent|(?<![a-z])(pct|od|db|m?a ?/ ?w)(?![a-z\d])|optical[\W_]?density|absorbance"
+    r"|absorptance|(?<![-\d])absorption|responsiv|reflectance|^\W*(reflection|extinction)",
     re.I,
 )
 

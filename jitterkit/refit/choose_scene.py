@@ -5,7 +5,8 @@
    much fainter.
 1. Where the brightest peaks are two, far apart, a pair is searched for; one that describes the frame, wider
    than blur and resolution, with a companion that is certain, is the answer.  If one of them is much fainter,
-   step 2 comes first.  Where the pair does not describe the frame, more stars are searched for.
+   step 2 comes first.  Where the pair does not describe the frame, six stars or more are searched for, one
+   of which may outshine the others.
 2. Otherwise one star with a normal blur is fitted.  It is the answer if it describes the frame, nothing
    stands out of its residual, and its blur is not that of two stars: a long one.
 3. Otherwise one star is fitted with the best of the loci, two with a normal blur, both also without jitter,
@@ -127,9 +128,10 @@ def choose_scene(
         if not faint or frame.beyond_doubt(pair):
             return SceneChoice(frame.pair_or_field(pair), math.inf)
     if several is None and pair is not None and frame.is_apart(pair) and not pair.describes(data):
-        several = frame.stars()  # of one that outshines the others a search for bright stars sees no more
-        if several is not None and frame.beyond_doubt(several):
-            return SceneChoice(several, math.inf)
+        # beside a star that outshines the others no three are bright
+        field = frame.stars(_COMPANY + 3)
+        if field is not None and frame.beyond_doubt(field):
+            return SceneChoice(field, math.inf)
     star = star or frame.star()
     if star is None:
         return None
@@ -164,10 +166,10 @@ class _Frame(Weighing):
         """
         return settled(start, self.data, self.optics, self.options.hold) if self.rough else start
 
-    def stars(self) -> Start | None:
+    def stars(self, least: int = 3) -> Start | None:
         """Three stars or more, if they stay so many when everything is fitted."""
         found = locate_stars(self.data, self.optics, self.options.hold, rough=self.rough)
-        return found if found is not None and len(found.parameters.scene.sources()[0]) > 2 else None
+        return found if found is not None and len(found.parameters.scene.sources()[0]) >= least else None
 
     def pair_or_field(self, pair: Start) -> Start:
         """A pair as it is, or its stars as a field where it is but the brightest two of many."""

@@ -143,8 +143,13 @@ def test_rows_that_are_uniform_but_for_gaps_are_bins(signal, missing, form, writ
     assert any("missing from" in sentence for sentence in said)
 
 
-def test_points_of_a_curve_beyond_uniform_ones_are_no_bins():
-    f = np.array([*range(20, 320, 10), 500, 1000, 2000])
+@pytest.mark.parametrize(
+    "f",
+    [[*range(20, 320, 10), 500, 1000, 2000], [*range(1, 11), *range(91, 101)]],
+    ids=["beyond", "far apart"],
+)
+def test_points_of_a_curve_are_no_bins_though_some_are_uniform(f):
+    f = np.array(f)
     with refused(ErrorCode.MISSING_VALUE, "--kind"):
         recognise_rows(f, densities(f**-1.0))
 

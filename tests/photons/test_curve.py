@@ -73,11 +73,11 @@ def test_a_table_that_is_no_curve_is_refused(tmp_path, text, code, values):
         ("wavelength_nm,transmission_percent", "percent"),
         ("nm,OD", "OD"),
         ("nm,optical_density", "optical_density"),
-        ("nm,absorbance", "absor"),
+        ("nm,absorbance", "absorbance"),
         ("nm,dB", "dB"),
         ("nm,responsivity [A/W]", "responsiv"),
         ("nm,signal_A/W", "A/W"),
-        ("nm,reflectance", "reflect"),
+        ("nm,reflectance", "reflectance"),
     ],
 )
 def test_a_column_that_is_no_share_is_refused(names, said, tmp_path):
@@ -85,6 +85,15 @@ def test_a_column_that_is_no_share_is_refused(names, said, tmp_path):
     path.write_text(f"{names}\n530,0.5\n640,0.5\n", encoding="utf-8")
     with refused(ErrorCode.UNKNOWN_UNIT, path, f"'{names}' say '{said}'", "0 to 1"):
         read_curve(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["anti-reflection coated T", "transmission_OD4", "1-absorption", "T(%)/100", "T_after_extinction"]
+)
+def test_a_share_may_say_what_it_is_the_rest_of(name, tmp_path):
+    path = tmp_path / "c.csv"
+    path.write_text(f"nm,{name}\n530,0.5\n640,0.5\n")
+    assert read_curve(path).values.tolist() == [0.5, 0.5]
 
 
 def test_photons_are_not_taken_for_a_share_nor_power_for_photons(tmp_path):
