@@ -11,7 +11,7 @@ from jitterkit.cli import options
 from jitterkit.cli.command import Default, Fixed
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.quantities import named, parse_angle, parse_number
-from jitterkit.cli.runtime import log, open_instrument, print_table
+from jitterkit.cli.runtime import dark_exposure, log, open_instrument, print_table
 
 _USUAL = 0.15
 """Sigma in pixels of a jitter that is not given: that of a drift of half a pixel."""
@@ -64,7 +64,7 @@ def budget(
     check_inside(scene, telescope.shape, telescope.plate_scale)
     known = Priors.alike(telescope.aberrations, telescope.aberration_sigma)
     fit = FitOptions(hold=options.held(background), priors=known)
-    options.dark_exposure(telescope)  # refuses what would be left out
+    dark_exposure(telescope)  # refuses what would be left out
     parameters = Parameters(scene, locus, np.zeros(len(telescope.aberrations)))
     error, errors = systematic_errors(telescope, parameters, fit, sizes=sizes, target=goal)
     table = systematics_table(errors, frames)

@@ -12,7 +12,7 @@ from jitterkit.cli import options
 from jitterkit.cli.command import Default
 from jitterkit.cli.loci import build_locus
 from jitterkit.cli.quantities import named, parse_angle, parse_number, parse_share
-from jitterkit.cli.runtime import open_instrument, print_table
+from jitterkit.cli.runtime import dark_exposure, open_instrument, print_table
 from jitterkit.errors import ErrorCode, refuse_if
 
 _USUAL = 0.3
@@ -100,7 +100,7 @@ def _setting(telescope, scene, jitter, diffusion: str | None, seeing: str | None
     state, scale = _aberrations(aberrations, telescope.aberrations), telescope.plate_scale
     sigma = usual * scale if diffusion is None else _sigma(diffusion, scale)
     fwhm = None if seeing is None else parse_angle(seeing, "--seeing")
-    dark = options.dark_exposure(telescope)
+    dark = dark_exposure(telescope)
     return Setting(pair, optics, telescope.detector, state, sigma**2, fwhm, exposure=dark)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from jitterkit.cli import options
 from jitterkit.cli.command import Fixed
-from jitterkit.cli.runtime import log, open_instrument, print_table
+from jitterkit.cli.runtime import dark_exposure, log, open_instrument, print_table
 
 _DATA = ["linear", "shm", "mvn,shear=0.1", "mvn,shear=0.7"]
 _FITTED = ["stable", "linear", "shm", "mvn", "auto"]
@@ -76,7 +76,7 @@ def crossfit(
         check_reach(binary, locus, optics.nominal)
     rng = np.random.default_rng(seed)
     panels = []
-    detector, exposure = telescope.detector, options.dark_exposure(telescope)
+    detector, exposure = telescope.detector, dark_exposure(telescope)
     loci = columns, fit or _FITTED
     for panel in cross_fit(*loci, still, optics, draws, rng, detector, exposure=exposure):
         mean, error = panel.mean

@@ -12,7 +12,7 @@ import typer
 from jitterkit.cli import options
 from jitterkit.cli.loci import build_locus, size_option
 from jitterkit.cli.quantities import parse_allowed, parse_angle, parse_sweeps
-from jitterkit.cli.runtime import log, open_instrument, print_table
+from jitterkit.cli.runtime import dark_exposure, log, open_instrument, print_table
 from jitterkit.errors import ErrorCode, refuse_if
 from jitterkit.report.words import angle_size, number
 
@@ -137,7 +137,7 @@ class _Setup:
         check_scene(stars, jitter)
         check_reach(stars, jitter, otf)
         check_inside(stars, self.telescope.shape, self.telescope.plate_scale)
-        exposure = options.dark_exposure(self.telescope)
+        exposure = dark_exposure(self.telescope)
         found = forecast(parameters, otf, detector, self.options, exposure=exposure, censored=censored)
         known, shown = np.all(np.isfinite(found.covariance)), [f"{n} {value:g}" for n, value in scene.items()]
         shown += [] if self.stars is None else [f"{len(self.stars.sources()[0])} stars of a table"]
@@ -226,7 +226,7 @@ def _forecast_requirement(setup: _Setup, allow: str, fitted: str):
     question, allowed = parse_allowed(allow)
     bias, exposure = question == "bias", setup.telescope.exposure
     where = setup.point(still=True).parameters, setup.optics.nominal, allowed, setup.telescope.detector
-    asked, dark = fitted if bias else None, options.dark_exposure(setup.telescope)
+    asked, dark = fitted if bias else None, dark_exposure(setup.telescope)
     found = jitter_requirements(*where, fitted=asked, options=setup.options, exposure=dark)
     title = f"{allow} of bias, fitted with {fitted}" if bias else f"{allow} more observing time"
     log(f"Largest jitter for {title}; angles from the pair, vibrations by their cycles in an exposure.")

@@ -248,23 +248,6 @@ def required(telescope: Instrument, problem: str, *values: T | None) -> T:
     raise ConfigurationError(ErrorCode.MISSING_VALUE, message)
 
 
-def dark_exposure(telescope: Instrument) -> float:
-    """Return the exposure in which a dark current collects; zero where it is unknown and none is there.
-
-    Raises
-    ------
-    ConfigurationError
-        If a dark current has no exposure.
-    """
-    import numpy as np
-
-    dark = telescope.detector.dark_current
-    unknown = not telescope.exposure and dark is not None and bool(np.any(dark))
-    problem = f"The instrument {telescope.name!r} has a dark_current and no exposure; give it one, in s."
-    refuse_if(unknown, ErrorCode.MISSING_VALUE, problem)
-    return telescope.exposure or 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Products:
     """Choose the files that a command writes; the docstring of the command describes its picture.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, one_of
+from jitterkit.errors import ConfigurationError, ErrorCode, JitterkitError, one_of, refuse_if
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -100,6 +100,23 @@ def open_instrument(name: str, **settings: Any) -> Instrument:
     from jitterkit.instruments import load_instrument
 
     return load_instrument(name)
+
+
+def dark_exposure(telescope: Instrument) -> float:
+    """Return the exposure in which a dark current collects; zero where it is unknown and none is there.
+
+    Raises
+    ------
+    ConfigurationError
+        If a dark current has no exposure.
+    """
+    import numpy as np
+
+    dark = telescope.detector.dark_current
+    unknown = not telescope.exposure and dark is not None and bool(np.any(dark))
+    problem = f"The instrument {telescope.name!r} has a dark_current and no exposure; give it one, in s."
+    refuse_if(unknown, ErrorCode.MISSING_VALUE, problem)
+    return telescope.exposure or 0.0
 
 
 def _share_heaps() -> None:

@@ -25,24 +25,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.special
 import scipy.stats
 
 from jitterkit.estimators.compressed import ORDERS, CompressedLikelihood, shaped_blur
 from jitterkit.estimators.shape import DECISIVE, CumulantStep
-from jitterkit.forward import Parameters, parameter_names, to_vector
+from jitterkit.forward import Parameters
 from jitterkit.kernel_estimate import significance
 from jitterkit.likelihood import Data
 from jitterkit.locate import Start
 from jitterkit.loci import Shaped
 from jitterkit.optics.otf import OTF
 from jitterkit.optics.system import Optics
-from jitterkit.refit.boundary import minor_variance
 from jitterkit.refit.evidence import CHOICES
 from jitterkit.refit.fit import FitOptions
 from jitterkit.refit.locus_fit import NORMAL, FrameFits, is_better
 from jitterkit.refit.result import FitResult, Status
 from jitterkit.refit.squares import straight_blur
+from jitterkit.refit.unseen_shape import may_be_straight, of_any_shape
 from jitterkit.refit.weigh import Tried, as_fit, describe_undecided, evaluate_by_cumulants, weigh
 
 FALSE_ALARM = 0.01
@@ -57,12 +56,6 @@ half a microarcsecond, which 250,000 frames would show."""
 
 _KURTOSES = 1.5
 """The most by which the simple loci differ in excess kurtosis: SHM from a normal."""
-
-_STRAIGHT = (-0.75, 0.75)
-"""Excess kurtosis of a blur that may be straight, and its uncertainty: between a normal's and that of SHM."""
-
-_WIDE = 0.75
-"""Spread of the excess kurtosis of a wide blur that is not normal: that of an ellipse is two of it away."""
 
 _SHAPED = 3.0
 """Standard errors from which a kurtosis is looked into however little it matters."""
@@ -83,10 +76,6 @@ _TAKEN_UP = 0.2
 """Share of a poor normal's excess that another locus must take up for loci with more freedom to be tried
 where the score does not ask for them: far from the maximum it sees a part of what is lacking.  An ellipse
 took up half of that of a random walk, which a path describes; its score saw 0.04."""
-
-_THIN = (6.0, 0.05)
-"""A blur may be straight whose minor variance is within so many errors of none, or below that share of the
-major: a straight locus fitted to a wider one has e^-18 of its evidence."""
 
 
 def fit_best_locus(
@@ -159,7 +148,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None, every
     seen = abs(shape.kurtosis) > _SHAPED * shape.error
     moved = _KURTOSES * abs(shape.response.get("separation", 0.0)) > _UNSEEN * normal.error("separation")
     # which shape a wide blur has is only asked where the frame would show that of an ellipse
-    visible = _may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
+    visible = may_be_straight(normal) or _SHAPED * shape.error < _KURTOSES
     change = _KURTOSES * np.nan_to_num([shape.response.get(name, 0.0) for name in Shaped.names[:3]])
     widened = visible and significance(change, normal.moments()[1]) > 1.0
     if frame.options.priors.on_coordinates():
@@ -168,7 +157,7 @@ def _choose(frame: FrameFits, start: Parameters, moments, otf: OTF | None, every
         return _fit_tiers(frame, normal, otf, step, every=True)
     if not (seen or moved or widened or _wants_more(normal, step)):
         tried = Tried(normal)
-        tried.fits[NORMAL] = _of_any_shape(normal, step, otf)  # by the same evidence
+        tried.fits[NORMAL] = of_any_shape(normal, step, otf)  # by the same evidence
         return _finalize(tried)
     if normal.status is Status.POOR_FIT and not _wants_more(normal, step):
         return _finalize(Tried(normal))  # another telescope's frame, sky, hot pixels: no locus mends that
@@ -206,43 +195,6 @@ def is_lost(contrast: float, error: float) -> bool:
     return not error < 0.2 * (1 + contrast)
 
 
-def _of_any_shape(normal: FitResult, step: CumulantStep, otf: OTF) -> FitResult:
-    """Return values and errors where the frame does not show the shape of a blur; the image stays.
-
-    A straight blur has any kurtosis from a normal's to that of SHM.  A wide one is normal, or has another
-    kurtosis, equally likely before the frame says which.
-    """
-    assert normal.parameters is not None
-    straight = _may_be_straight(normal)
-    change, variance = step.unknown_shape(normal.covariance, *(_STRAIGHT if straight else (0.0, _WIDE)))
-    if not np.all(np.isfinite(change)):
-        return normal
-    if not straight:
-        share = _share_of_other_shapes(normal)
-        change, variance = share * change, share * (variance + (1 - share) * np.outer(change, change))
-    every = parameter_names(normal.parameters, otf.names)
-    vector, unravel = to_vector(normal.parameters)
-    parameters = unravel(vector.at[np.array([every.index(name) for name in normal.names])].add(change))
-    wider = normal.covariance + variance
-    return replace(normal, parameters=parameters, covariance=wider, off_maximum=(change, variance))
-
-
-def _share_of_other_shapes(normal: FitResult) -> float:
-    """Return how likely a wide blur has another kurtosis than a normal's, by the kurtosis that it shows."""
-    with np.errstate(invalid="ignore"):
-        narrow, wide = (
-            scipy.stats.norm.logpdf(normal.shape, scale=scale)
-            for scale in (normal.shape_err, np.hypot(normal.shape_err, _WIDE))
-        )
-    return float(scipy.special.expit(np.nan_to_num(wide - narrow)))
-
-
-def _may_be_straight(normal: FitResult) -> bool:
-    moments, covariance = normal.moments()
-    minor, error = minor_variance(moments, covariance)
-    return bool(minor < max(_THIN[0] * error, _THIN[1] * (moments[0] + moments[2] - minor)))
-
-
 def _fit_tiers(
     frame: FrameFits,
     normal: FitResult,
@@ -260,7 +212,7 @@ def _fit_tiers(
     tried, expanded, steps = Tried(normal), {"mvn": otf}, {"mvn": step}
     converged = normal.status is not Status.NOT_CONVERGED and begin is None
     compressed = CompressedLikelihood.of(step, normal.covariance) if converged else None
-    excluded = "some" if begin is not None or _may_be_straight(normal) else "none"
+    excluded = "some" if begin is not None or may_be_straight(normal) else "none"
     signed = {NORMAL}
     tiers = sorted({choice.tier for choice in CHOICES.values()} - {0})
     for tier in tiers:
@@ -298,8 +250,8 @@ def _fit_tiers(
                     return retry
         if fits:
             break
-    if tried.best.locus == NORMAL and tier == tiers[0] and not _may_be_straight(normal):
-        tried.fits[NORMAL] = _of_any_shape(normal, step, otf)  # by the same evidence
+    if tried.best.locus == NORMAL and tier == tiers[0] and not may_be_straight(normal):
+        tried.fits[NORMAL] = of_any_shape(normal, step, otf)  # by the same evidence
     return replace(_finalize(tried), straight=straight_blur(tried.fits, normal.shape_err, frame))
 
 
