@@ -155,6 +155,7 @@ def test_the_stack_shows_a_flat_field_that_no_chi_squared_does(flat, telescope, 
     assert len(re.findall('alt="Sum of the residuals', page)) == 1
 
 
+@pytest.mark.slow
 def test_the_bias_of_the_flat_is_less_than_it_may_hide(flat):
     separation = flat.summary["separation"]
     assert abs(separation["mean"] - 8.0) < flat.summary["fit"]["may_hide"] + 3.5 * separation["error"]

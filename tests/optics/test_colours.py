@@ -156,6 +156,7 @@ np.savez(sys.argv[1], slope=otf.jacobian[-1], bend=otf.bend)
 """
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_wavelength_hold_in_32_bits(tmp_path):
     path, otf = tmp_path / "slopes.npz", load_instrument("smallsat").system().otf(None)
     command = [sys.executable, "-c", IN_32_BITS, str(path)]

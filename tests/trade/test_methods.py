@@ -88,6 +88,7 @@ def test_a_blur_that_is_held_is_taken_for_known(anchored, exact, refitted):
     assert np.all((held > 0.9) & (held < 1.001))  # of three parameters fewer, which hardly matter
 
 
+@pytest.mark.slow
 def test_three_frames_whose_aberrations_vary_determine_together_what_they_do_alone(anchored, scene):
     frames = [anchored.calibrate(raw) for raw in scene.noisy]
     alone, together = (separations(how, replace(anchored, known={}), frames) for how in ("refit", "joint"))

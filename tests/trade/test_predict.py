@@ -25,7 +25,7 @@ from jitterkit.trade.worst_case import WorstCase
     "settings",
     [
         Settings(pad=0),
-        Settings(samples=2),
+        pytest.param(Settings(samples=2), marks=pytest.mark.slow),
         pytest.param(Settings(binning=4, pad=8), marks=pytest.mark.slow),
         pytest.param(Settings(region=24, pad=4), marks=pytest.mark.slow),
         pytest.param(Settings(aberrations="held"), marks=pytest.mark.slow),
